@@ -39,7 +39,7 @@ from jaxcell.patrol import (
 )
 from jaxcell.patrol.map.capture_search import entropy_rate
 from jaxcell.patrol.walks import charged_capture
-from jaxcell.patrol.walks.optimal import capture
+from jaxcell.patrol.walks.optimal import maximin
 from jaxcell.patrol.walks.optimal.polytope import ChainPolytope
 from jaxcell.patrol.walks.optimal.sequential_lp import Captures, maximize_least_capture
 from jaxcell.space import CellSpace, visible_cells
@@ -84,11 +84,11 @@ def graphs(full: bool) -> list[tuple[str, Graph, int]]:
 
 
 def by_gradients(graph: Graph, attack: int) -> float:
-    polished, capture.POLISHED = capture.POLISHED, 0
+    polished, maximin.POLISHED = maximin.POLISHED, 0
     try:
         return maximin_capture(graph, attack, throw=False).value
     finally:
-        capture.POLISHED = polished
+        maximin.POLISHED = polished
 
 
 def by_programs(graph: Graph, attack: int) -> float:
@@ -104,7 +104,7 @@ def on_graph(name: str, graph: Graph, attack: int) -> Row:
     """Time all searches on a graph."""
     programs: list[Callable[[], float] | None] = [
         # On more vertices the usual search has gradients only.
-        None if graph.vertices > capture.POLISHED else lambda: by_gradients(graph, attack),
+        None if graph.vertices > maximin.POLISHED else lambda: by_gradients(graph, attack),
         None if graph.vertices > PROGRAMS else lambda: by_programs(graph, attack),
         lambda: maximin_capture(graph, attack, throw=False).value,
     ]

@@ -23,7 +23,7 @@ from rows import Row, options, rows_of, write_rows
 from timing import Timing, begin, header, line, take_turns, timed
 
 from jaxcell.optimize import conic
-from jaxcell.optimize.conductance import minimum_commute
+from jaxcell.optimize.commute import minimum_commute
 from jaxcell.optimize.constraints import Linear
 from jaxcell.optimize.graph import Graph
 

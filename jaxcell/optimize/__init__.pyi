@@ -1,4 +1,4 @@
-from .conductance import MinimumCommute as MinimumCommute, minimum_commute as minimum_commute
+from .commute import MinimumCommute as MinimumCommute, minimum_commute as minimum_commute
 from .constraints import Linear as Linear
 from .cover import (
     Cover as Cover,

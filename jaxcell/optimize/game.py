@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Int
 from ..base.certificate import Certificate
 from ..base.precision import require_x64
 from ..base.process import no_output
-from .checked import distribution, finite
+from .validation import distribution, finite
 
 
 # Tolerance relative to the range of payoffs: HiGHS meets constraints of integer programs to 1e-6.

@@ -9,8 +9,8 @@ import scipy.sparse
 from jaxtyping import Float, Int
 
 from ..base.doubts import Doubt
-from .checked import finite, one_each
 from .geographic import degrees, great_circles, in_metres, positioned
+from .validation import finite, one_each
 
 
 # Attributes of edges that people give for a length.

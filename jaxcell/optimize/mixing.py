@@ -9,9 +9,9 @@ from ..base.certificate import Certificate
 from ..base.connected import check_connected
 from ..base.process import one_blas_thread
 from ..mapping import Chain
-from .checked import distribution
 from .graph import Graph
 from .spectral import SpectralProblem, least_norm
+from .validation import distribution
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from ..base.certificate import Certificate, Real
 from ..base.precision import require_x64
 from ..base.wide import traced
 from ..mapping.traced import implicit, like, on_host
-from .checked import finite
+from .validation import finite
 
 
 # Tolerance relative to the largest squared distance of a column from the target.
@@ -71,7 +71,8 @@ def mixture(A: Any, b: Any, *, throw: bool = True) -> Mixture:
     certificate.check("mixture", throw)
     if traced(A, b):
         weights = implicit(_change, weights, (A, b))
-    weights, A = jax.device_put((weights, A))
+    # One by one: JAX cannot batch a `device_put` of several arrays, as a Hessian does.
+    weights, A = map(jax.device_put, (weights, A))
     value = A @ weights
     distance = jnp.linalg.norm(value - b)
     return Mixture(weights, value, distance if traced(A, b) else float(distance), certificate)
@@ -102,7 +103,7 @@ def _change(weights: Any, inputs: Any) -> Float[Array, "columns"]:
     system = jnp.diag(1 - used) + used[:, None] * (A.T @ A) * used[None]
     bordered = jnp.block([[system, used[:, None]], [used[None], jnp.zeros((1, 1))]])
     slope = jnp.append(used * (A.T @ (b - A @ weights)), 0.0)
-    change = jnp.linalg.solve(jax.lax.stop_gradient(bordered), slope - jax.lax.stop_gradient(slope))
+    change = jnp.linalg.solve(bordered, slope - jax.lax.stop_gradient(slope))
     return weights + change[:-1]
 
 

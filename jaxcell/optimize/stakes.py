@@ -28,9 +28,10 @@ def payoffs(
     """Compute the payoffs of a patroller and of an adversary that attacks a vertex (Alg. 4.2).
 
     A strategy of the patroller captures the adversary at its `k`-th closest of `n` vertices with
-    probability `1 / 2**(k - 1)`, as in Table 4.2 of Alam 2018. After a capture the patroller gains
-    the reward, by default `n - k + 1`, and the adversary pays the cost. The default cost `-k`, as
-    in the source, is a gain. If the patroller fails, each gains its value of the goods there.
+    probability `1 / 2**(k - 1)`, as in Table 4.2 of Alam 2018; the printed Alg. 4.2 has another
+    exponent. After a capture the patroller gains the reward, by default `n - k + 1`, and the
+    adversary pays the cost. The default cost `-k`, as in the source, is a gain. If the patroller
+    fails, each gains its value of the goods there.
 
     **Arguments:** for each strategy, the vertices in ascending order of their mean hitting times,
     which may be traced; and the gains and losses at each vertex, by default as in Alg. 4.2.

@@ -2,6 +2,7 @@ from .bounce import compare_groups as compare_groups, compare_images as compare_
 from .comparison import Comparison as Comparison
 from .coverage import compare_coverage as compare_coverage
 from .drift import compare_drift as compare_drift
+from .joint_trajectory import compare_team as compare_team
 from .localization import (
     compare_filter as compare_filter,
     compare_policy as compare_policy,
@@ -9,7 +10,6 @@ from .localization import (
 )
 from .navigation import compare_plan as compare_plan
 from .patrolled_map import compare_patrolled_map as compare_patrolled_map
-from .team import compare_team as compare_team
 from .walk import (
     compare_commute as compare_commute,
     compare_game as compare_game,

@@ -297,5 +297,7 @@ def test_the_distance_from_a_target_has_the_derivative_of_rational_numbers():
     assert value == pytest.approx(float(exact(0.75)), rel=1e-12)
     difference = exact(0.75 + small) - exact(0.75 - small)
     assert slope == pytest.approx(float(difference) / (2 * small), rel=1e-7)
+    bend = exact(0.75 + small) - 2 * exact(0.75) + exact(0.75 - small)
+    assert jax.jit(jax.hessian(square))(0.75) == pytest.approx(float(bend) / small**2, rel=1e-7)
     batch = jax.jit(jax.vmap(square))(jnp.array([0.5, 0.75]))
     np.testing.assert_allclose(batch, [float(exact(0.5)), float(exact(0.75))], rtol=1e-12)

@@ -40,7 +40,7 @@ def test_the_fewest_robots_for_a_capture(capsys):
 
 
 def test_a_capture_beyond_the_largest_team_has_no_answer(capsys, monkeypatch):
-    monkeypatch.setattr("jaxcell.study.patrol.patrol_map.MAX_ROBOTS", 2)
+    monkeypatch.setattr("jaxcell.study.patrol.teams.MAX_ROBOTS", 2)
     wanted = ("--robots", "auto", "--capture", 0.999, "--share", 0)
     status, answer, error = run(capsys, "patrol map", LAB, *NEAR, *wanted)
     assert status == 1

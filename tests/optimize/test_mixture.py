@@ -130,3 +130,25 @@ def test_weights_and_distance_have_the_derivatives_of_a_projection():
     np.testing.assert_allclose(weights @ towards, [-share, share, 0], rtol=1e-10, atol=1e-14)
     slope = jax.grad(lambda b: mixture(A, b).distance ** 2)(jnp.asarray(b))
     np.testing.assert_allclose(slope @ towards, square, rtol=1e-10)
+
+
+@pytest.mark.parametrize("of", ["weights", "distance"])
+def test_hessians_are_those_of_a_projection_on_a_segment(of):
+    """The third column is farther, so the nearest point is on the segment between the others."""
+    A = jnp.array([[0.0, 2.0, 5.0], [1.0, 2.0, 9.0], [3.0, 1.0, 7.0]])
+    b = jnp.array([1.0, 1.0, 1.0])
+
+    def found(A, b):
+        best = mixture(A, b)
+        return best.weights[1] if of == "weights" else best.distance
+
+    def exact(A, b):
+        along, off = A[:, 1] - A[:, 0], b - A[:, 0]
+        share = along @ off / (along @ along)
+        return share if of == "weights" else jnp.sqrt(jnp.sum((off - share * along) ** 2))
+
+    both = 0, 1
+    hessians = jax.jit(jax.hessian(found, both))(A, b)
+    for row, wanted in zip(hessians, jax.hessian(exact, both)(A, b), strict=True):
+        for part, expected in zip(row, wanted, strict=True):
+            np.testing.assert_allclose(part, expected, rtol=1e-10, atol=1e-13)

@@ -177,13 +177,13 @@ def test_measures_have_the_derivatives_of_two_vertices():
     def found(a, b):
         P = jnp.stack([jnp.stack([1 - a, a]), jnp.stack([b, 1 - b])])
         walk = walks.measure(Chain.from_scipy(P))
-        times = walk.hitting_time[0, 1], walk.hitting_time[1, 0], walk.kemeny_constant
+        times = walk.hitting_time[0, 1], walk.mean_commute_time, walk.kemeny_constant
         return jnp.stack([*walk.stationary, *times, walk.slem, walk.entropy_rate_nats])
 
     def exact(a, b):
         chance = [np.array([1 - a, a]), np.array([1 - b, b])]
         surprise = [-p @ np.log(p) for p in chance]
-        times = 1 / a, 1 / b, 1 / (a + b)
+        times = 1 / a, 1 / a + 1 / b, 1 / (a + b)
         rate = (b * surprise[0] + a * surprise[1]) / (a + b)
         return np.array([b / (a + b), a / (a + b), *times, abs(1 - a - b), rate])
 
@@ -196,6 +196,14 @@ def test_measures_have_the_derivatives_of_two_vertices():
         for of, h in zip(slopes, np.eye(2) * 1e-6, strict=True):
             central = (exact(*(at + h)) - exact(*(at - h))) / 2e-6
             np.testing.assert_allclose(of[row], central, rtol=1e-8, atol=1e-12)
+
+
+def test_a_second_derivative_of_a_commute_time_is_refused():
+    def found(weights):
+        return walks.measure(walks.random_walk(KITE, weights)).mean_commute_time
+
+    with pytest.raises(TypeError, match="expected no second derivative; only the first one"):
+        jax.hessian(found)(jnp.asarray(WEIGHTS))
 
 
 def test_measures_of_a_program_are_those_of_the_host():

@@ -6,6 +6,7 @@ from typing import Any
 
 from ...base.paths import replacing
 from ...optimize import Graph
+from ..team.times import names_of
 from .graph_files import LIST_SUFFIXES, SUFFIXES, Edge, Vertex, checked_graph
 
 
@@ -30,13 +31,10 @@ def save_graph(
     """
     path = Path(path)
     suffix = path.suffix.lower()
-    if names is None:
-        names = [str(vertex) for vertex in range(graph.vertices)]
     try:
         if graph.xy is None:
             raise ValueError("the vertices have no positions, which a graph file needs")
-        if len(names) != graph.vertices:
-            raise ValueError(f"names: expected {graph.vertices}, one per vertex, got {len(names)}")
+        names = names_of(graph.vertices, names)
         places = zip(names, graph.xy.tolist(), strict=True)
         nodes = [{"id": name, "x": x, "y": y} for name, (x, y) in places]
         edges: list[dict[str, Any]]

@@ -14,14 +14,14 @@ from ...base.quantities import Result, derived, from_part, quantity
 from ...mapping import Chain
 from ...markov import dense
 from ...optimize import Graph, greedy_cover, shortest_tour
-from ...optimize.checked import check_count
+from ...optimize.validation import check_count
 from ..walks.optimal.ascent import late_gain
 from ..walks.steps import Steps
 from .attack import Attack
 from .capture import capture_by_tours, capture_probabilities
 from .circulation import Circulation, CirculationAscent, Logits
 from .policies import Policy
-from .regions import check_visible
+from .regions import check_team
 
 
 STEPS = 300
@@ -225,11 +225,7 @@ class _Problem:
         cls, graph: Graph, visible: Bool[np.ndarray, "cells cells"], robots: int, attack: Attack
     ) -> "_Problem":
         require_x64("capture_policies")
-        check_visible(graph, visible)
-        if not 1 <= robots <= graph.vertices:
-            raise ValueError(
-                f"robots: expected 1 to {graph.vertices}, the number of cells, got {robots}"
-            )
+        check_team(graph, visible, robots)
         open_ = visible.any(axis=0) & ~visible.all(axis=0)
         unseen = (~visible[:, open_]).astype(np.float32)
         return cls(graph, visible, robots, attack.first, Steps.of(graph), unseen)

@@ -22,7 +22,7 @@ from ...optimize import (
 )
 from ..team.division import part_of_graph
 from ..walks.walk import random_walk
-from .regions import Regions, check_visible
+from .regions import Regions, check_team, check_visible
 
 
 # Above this number of cells, the search for the smallest cover may take too long.
@@ -92,11 +92,7 @@ def distributed_policies(
         >>> policy.cover.tolist(), policy.tour.tolist(), policy.weights.round(3).tolist()
         ([1, 3], [1, 2, 3, 2], [0.1, 0.4, 0.4, 0.1])
     """
-    check_visible(graph, visible)
-    if not 1 <= robots <= graph.vertices:
-        raise ValueError(
-            f"robots: expected 1 to {graph.vertices}, the number of cells, got {robots}"
-        )
+    check_team(graph, visible, robots)
     cells = np.arange(graph.vertices, dtype=np.int32)
     # Without an emphasis, the walk does not depend on the cover, so all robots have the same walk.
     walk = minimum_commute(graph) if share == 0 else None

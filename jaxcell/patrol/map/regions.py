@@ -226,6 +226,14 @@ def check_visible(graph: Graph, visible: Bool[np.ndarray, "cells others"]) -> No
         )
 
 
+def check_team(graph: Graph, visible: Bool[np.ndarray, "rows cells"], robots: int) -> None:
+    check_visible(graph, visible)
+    if not 1 <= robots <= graph.vertices:
+        raise ValueError(
+            f"robots: expected 1 to {graph.vertices}, the number of cells, got {robots}"
+        )
+
+
 def _check_sees(base: int, view: Bool[np.ndarray, "cells"]) -> None:
     if not np.delete(view, base).any():
         raise ValueError(

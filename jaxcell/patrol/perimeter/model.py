@@ -14,7 +14,7 @@ from ...base.certificate import Certificate
 from ...base.wide import traced
 from ...mapping import Chain
 from ...markov import first_passage, hitting_times
-from ...optimize.checked import check_count
+from ...optimize.validation import check_count
 
 
 # The accuracy of a probability of detection.

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from ...base.quantities import Result, derived, quantity
 from ...optimize import Graph, greedy_cover, shortest_tour
-from ...optimize.checked import check_count, one_each
+from ...optimize.validation import check_count, one_each
 from .division import divide_graph, part_of_graph
 from .times import check_whole, names_of
 

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...optimize import Graph
-from ...optimize.checked import one_each
+from ...optimize.validation import one_each
 
 
 # Tolerance of a time, relative to the longest.

@@ -11,21 +11,17 @@ With `A` the incidence matrix, `L = A diag(w) A^T` the weighted Laplacian (Alam 
 
 Eq. 4.3 is half of this `C`, the mean hitting time; both have the same best weights.
 
-- *MAECT*, minimum average expected commute time, is the choice of weights with the least `C` (Eq.
-    4.4), `jaxcell.optimize.minimum_commute`; with an *emphasis*, at least a given share of the
-    weight is on the edges of the shortest closed tour through given vertices (Eq. 4.5). The problem
-    is convex; a duality gap bounds the error, also under the constraints of `load_constraints`;
-    `MetConstraints` reports how they are met.
-- `toward` heads for a vertex along its `k` shortest paths (Alg. 4.1). As in the printed algorithm,
-    a path makes no steps against its direction; this reproduces all rows of Table 4.2 for `k = 1`.
+- `jaxcell.optimize.minimum_commute` finds the weights with the least `C` (Eq. 4.4, 4.5), also under
+    the constraints of `load_constraints`; `MetConstraints` reports how they are met.
+- `toward` heads for a vertex along its `k` shortest paths (Alg. 4.1). For `k = 1` this reproduces
+    all rows of Table 4.2.
 - Three other optima are not in the source. `minimum_kemeny` minimises `K = sum_j pi_j h_ij`, with
     `pi` the stationary distribution. `maximum_entropy_rate` maximises `H = -sum_i pi_i sum_j p_ij
     log p_ij`, in nats, and `maximum_return_time_entropy` the `return_time_entropy`, the entropy of
     the time of return to a vertex. Each function returns an `OptimizedWalk`.
 - `measure` computes `h`, `C`, `K`, `H` and more of any chain (`Measures`). `GraphPatrol` adds the
-    graph, for datasets and recordings. For several independent robots it also contains the first
-    arrival at each vertex and the probability of capturing an attack, by an adversary that sees the
-    robots, or at a random time (`blind_capture`).
+    graph, and for independent robots the probability of capturing an attack, by an adversary that
+    sees the robots, or at a random time (`blind_capture`).
 - `maximin_capture` maximises the least entry of `walk_capture_probabilities` (`MaximinCapture`):
     `F_t[i, j]`, the probability of arriving at `j` from `i` within an attack time `t`. Its
     recursion is `F_t = P + P (F_{t-1} - diag F_{t-1})`. `charged_capture` does so for robots that
@@ -33,9 +29,7 @@ Eq. 4.3 is half of this `C`, the mean hitting time; both have the same best weig
     `memory_patrol` compares memories of several sizes and a tour (`MemoryPatrol`), and
     `capture_bound` is an upper bound for any memory.
 - In `strategy_game`, a `StrategyGame`, the patroller commits to a mixture of walks and the
-    adversary, who knows it, attacks a vertex (Eq. 4.6, 4.7). An attack on the `k`-th closest vertex
-    of a walk is captured with probability `1/2^(k-1)`, as in Table 4.2 (Alg. 4.2 prints another
-    exponent).
+    adversary, who knows it, attacks a vertex (Eq. 4.6, 4.7).
 """
 
 from ...base.hosted import attach

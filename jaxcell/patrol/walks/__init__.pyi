@@ -7,7 +7,6 @@ from .graph_patrol import GraphPatrol as GraphPatrol
 from .measures import Measures as Measures, measure as measure
 from .memory import MemoryPatrol as MemoryPatrol, memory_patrol as memory_patrol
 from .optimal.bound import capture_bound as capture_bound
-from .optimal.capture import MaximinCapture as MaximinCapture, maximin_capture as maximin_capture
 from .optimal.charged_capture import charged_capture as charged_capture
 from .optimal.constraints import (
     MetConstraints as MetConstraints,
@@ -20,6 +19,7 @@ from .optimal.entropy import (
     return_time_entropy as return_time_entropy,
 )
 from .optimal.kemeny import minimum_kemeny as minimum_kemeny
+from .optimal.maximin import MaximinCapture as MaximinCapture, maximin_capture as maximin_capture
 from .paths import toward as toward
 from .walk import (
     edge_shares as edge_shares,

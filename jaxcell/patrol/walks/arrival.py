@@ -57,6 +57,22 @@ def captured_by_any(
     return 1 - (1 - probability.min(axis=1)).prod(axis=0)
 
 
+def watched_capture(
+    graph: Graph,
+    walks: Any,
+    shares: Float[np.ndarray, "robots states"],
+    attack_time: Any,
+    travel_times: Any = None,
+) -> Float[np.ndarray, "targets"]:
+    """Compute the probability that any robot arrives in time, each from its worst start.
+
+    The worst start is among the states that occur in the long run, where `shares` are positive.
+    """
+    given = attack_time, travel_times
+    each = np.stack([walk_capture_probabilities(graph, walk, *given) for walk in walks])
+    return captured_by_any(np.where(shares[..., None] > 0, each, 1.0))
+
+
 def blind_capture(
     graph: Graph, walks: Any, attack_time: Any, travel_times: Any = None
 ) -> Float[Numbers, "targets"]:

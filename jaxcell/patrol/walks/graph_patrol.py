@@ -12,7 +12,7 @@ from ...base.secondary import Secondary
 from ...mapping import Chain
 from ...markov import mean_first_arrival
 from ...optimize import Graph
-from ...optimize.checked import check_count
+from ...optimize.validation import check_count
 from ..team.charging import Charged
 from ..team.division import Division
 from ..team.durations import Timed
@@ -26,7 +26,7 @@ from ..team.idleness import (
 from ..team.news import News
 from ..team.rounds import Round
 from ..team.times import move_times, names_of
-from .arrival import blind_capture, captured_by_any, walk_capture_probabilities
+from .arrival import blind_capture, watched_capture
 from .game import StrategyGame
 from .measures import Measures, measure
 from .memory import MemoryPatrol
@@ -131,7 +131,8 @@ class GraphPatrol(Measures):
         robots: int = 1,
         attack_time: Any = None,
         travel_times: Any = None,
-        **more: Any,
+        team: Float[np.ndarray, "robots vertices vertices"] | None = None,
+        **others: Any,
     ) -> "GraphPatrol":
         """Measure the chain of one or several independent patrollers.
 
@@ -143,7 +144,8 @@ class GraphPatrol(Measures):
         - `robots`: number of robots.
         - `attack_time`: duration of an attack, a whole number, or array `[vertices]`.
         - `travel_times`: array `[edges]`, whole numbers, travel times for attacks; by default 1.
-        - further keywords: the other fields of [`GraphPatrol`][].
+        - `team`: the transition matrix of each robot, if robots differ, in place of `chain`.
+        - further keywords: fields of [`GraphPatrol`][] that do not follow from the walk.
 
         Two random walks on a line of three vertices:
 
@@ -157,44 +159,42 @@ class GraphPatrol(Measures):
             ([0.75, 1.0, 0.75], [0.75, 1.0, 0.75])
         """
         check_count("robots", robots)
-        names = names_of(graph.vertices, names)
-        team, beside = more.get("team"), Secondary()
         if team is None:
-            measures = measure(chain)
-            chains = [chain] * robots
+            measures, chains = measure(chain), [chain] * robots
             shares = np.broadcast_to(measures.stationary, (robots, chain.cells))
-            walks = measures.transition[None]
+            walks = np.broadcast_to(measures.transition, (robots, chain.cells, chain.cells))
         else:
-            chains = [Chain.from_scipy(walk) for walk in team]
-            measures, shares, walks = _of_team(team), long_run(team), team
+            measures, chains = _of_team(team), [Chain.from_scipy(walk) for walk in team]
+            shares, walks = long_run(team), team
+        beside, first_arrival, captured, blind_captured = Secondary(), None, None, None
         if robots > 1 and graph.vertices <= MAX_ARRIVALS:
-            more["first_arrival"] = beside.compute(
+            first_arrival = beside.compute(
                 "the mean time until the first patroller arrives",
-                lambda: np.array(
-                    [
-                        mean_first_arrival(chains, list(shares), vertex, max_steps=_STEPS).value
-                        for vertex in range(graph.vertices)
-                    ]
-                ),
+                lambda: _first_arrivals(chains, shares),
             )
         if attack_time is not None:
-            given = attack_time, travel_times
-            each = np.stack([walk_capture_probabilities(graph, walk, *given) for walk in walks])
-            # Starts that do not occur in the long run do not count.
-            each = np.where(shares[:, :, None] > 0, each, 1.0)
-            more["captured"] = captured_by_any(each)
-            every = np.broadcast_to(walks, (robots, *walks.shape[1:]))
-            more["blind_captured"] = blind_capture(graph, every, *given)
-        more["left_out"] = measures.left_out + beside.left_out + more.get("left_out", ())
-        measured = vars(measures) | {"shares": shares} | more
-        return cls(graph=graph, names=names, robots=robots, **measured)
+            times = attack_time, travel_times
+            distinct = walks if team is not None else walks[:1]
+            captured = watched_capture(graph, distinct, shares, *times)
+            blind_captured = blind_capture(graph, walks, *times)
+        return cls(
+            **vars(measures) | {"left_out": measures.left_out + beside.left_out},
+            graph=graph,
+            names=names_of(graph.vertices, names),
+            robots=robots,
+            team=team,
+            shares=shares,
+            first_arrival=first_arrival,
+            captured=captured,
+            blind_captured=blind_captured,
+            **others,
+        )
 
     def __post_init__(self) -> None:
         graph, vertices = self.graph, self.stationary.size
         if vertices != graph.vertices:
             raise ValueError(f"chain: expected {graph.vertices} vertices, got {vertices}")
-        if len(self.names) != vertices:
-            raise ValueError(f"names: expected {vertices}, one per vertex, got {len(self.names)}")
+        names_of(vertices, self.names)
         wrong = np.argwhere((move_times(graph) == 0) & (self.transition > _NOTHING))
         if len(wrong):
             raise ValueError(
@@ -364,6 +364,15 @@ class GraphPatrol(Measures):
     mean_idleness, worst_idleness = idleness_over_vertices(
         "steps", lambda self: steps_between_visits(self.shares)
     )
+
+
+def _first_arrivals(
+    chains: Sequence[Chain], shares: Float[np.ndarray, "robots vertices"]
+) -> Float[np.ndarray, "vertices"]:
+    """Compute the mean steps until any robot is at each vertex, from starts as in the long run."""
+    starts, vertices = list(shares), range(shares.shape[1])
+    arrivals = [mean_first_arrival(chains, starts, v, max_steps=_STEPS) for v in vertices]
+    return np.array([arrival.value for arrival in arrivals])
 
 
 def _of_team(team: Float[np.ndarray, "robots vertices vertices"]) -> Measures:

@@ -50,16 +50,19 @@ class Measures(Result):
     "Sentences about the quantities that could not be computed and are `None`."
 
     @derived("", "mean hitting time over pairs of vertices", "steps", kind="time")
-    def mean_hitting_time(self) -> float | None:
+    def mean_hitting_time(self) -> Real | None:
         vertices, times = self.stationary.size, self.hitting_time
-        return None if times is None else float(times.sum() / (vertices * (vertices - 1)))
+        if times is None:
+            return None
+        mean = times.sum() / (vertices * (vertices - 1))
+        return mean if traced(mean) else float(mean)
 
     @derived("start target", "mean steps there and back", "steps", kind="time")
     def commute_time(self) -> Float[Numbers, "vertices vertices"] | None:
         return None if self.hitting_time is None else self.hitting_time + self.hitting_time.T
 
     @derived("", "mean commute time over pairs of vertices", "steps", kind="time")
-    def mean_commute_time(self) -> float | None:
+    def mean_commute_time(self) -> Real | None:
         return None if self.mean_hitting_time is None else 2 * self.mean_hitting_time
 
     @derived("vertex", "mean steps to it", "steps", kind="time")
@@ -68,8 +71,8 @@ class Measures(Result):
         return None if times is None else times.sum(axis=0) / (self.stationary.size - 1)
 
     @derived("vertex", "probability of waiting there", "1", kind="share")
-    def stay(self) -> Float[np.ndarray, "vertices"]:
-        return np.diag(self.transition)
+    def stay(self) -> Float[Numbers, "vertices"]:
+        return self.transition.diagonal()
 
     def checks(self) -> Checks:
         P, share, times = self.transition, self.stationary, self.hitting_time

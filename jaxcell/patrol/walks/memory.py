@@ -10,9 +10,9 @@ from ...optimize import Graph
 from ..team.idleness import RobotShares, idleness_over_vertices, long_run, steps_between_visits
 from ..team.rounds import evenly_spaced_round
 from ..team.times import names_of
-from .arrival import blind_capture, captured_by_any, states_at, walk_capture_probabilities
+from .arrival import blind_capture, states_at, watched_capture
 from .optimal.bound import capture_bound
-from .optimal.capture import maximin_capture
+from .optimal.maximin import maximin_capture
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -111,31 +111,42 @@ def memory_patrol(
         >>> dict(zip(found.patrol, found.least_capture.round(2).tolist(), strict=True))
         {'memory 1': 0.44, 'memory 2': 0.53, 'tour': 0.0}
     """
-    given: dict[str, Any] = {"travel_times": travel_times, "stay": stay}
+    robots, times = len(matrices), (attack_time, travel_times)
     sizes, walks = [1], [matrices]
     while sizes[-1] < memory:
         sizes.append(min(2 * sizes[-1], memory))
         say(f"seeking a walk with {sizes[-1]} states of memory")
-        options = {"memory": sizes[-1], "known": walks[-1], "throw": False, **given}
-        found = maximin_capture(graph, attack_time, robots=len(matrices), **options)
+        found = maximin_capture(
+            graph,
+            attack_time,
+            travel_times=travel_times,
+            robots=robots,
+            stay=stay,
+            memory=sizes[-1],
+            known=walks[-1],
+            throw=False,
+        )
         walks.append(found.matrices)
-    patrols, captured = [f"memory {size}" for size in sizes], []
-    for walk in walks:
-        times = attack_time, travel_times
-        each = np.stack([walk_capture_probabilities(graph, robot, *times) for robot in walk])
-        # States that do not occur in the long run do not count.
-        worst = captured_by_any(np.where(long_run(walk)[..., None] > 0, each, 1.0))
-        captured.append((worst, blind_capture(graph, walk, *times)))
+    captured = [
+        (watched_capture(graph, walk, long_run(walk), *times), blind_capture(graph, walk, *times))
+        for walk in walks
+    ]
     least = [float(worst.min()) for worst, _ in captured]
     best = int(np.argmax(np.array(least) >= max(least) * (1 - 1e-9)))
-    on_tour = evenly_spaced_round(graph, len(matrices), attack_time, travel_times=travel_times)
-    patrols.append("tour" if len(matrices) == 1 else "round")
+    on_tour = evenly_spaced_round(graph, robots, attack_time, travel_times=travel_times)
     say("bounding the capture with any memory")
-    given |= {"robots": len(matrices), "captured": max(least), "tests": tests}
-    bound = capture_bound(graph, attack_time, **given)
+    bound = capture_bound(
+        graph,
+        attack_time,
+        travel_times=travel_times,
+        robots=robots,
+        stay=stay,
+        captured=max(least),
+        tests=tests,
+    )
     shares = long_run(walks[best]) @ states_at(walks[best].shape[1], graph.vertices)
     return MemoryPatrol(
-        patrol=patrols,
+        patrol=[*(f"memory {size}" for size in sizes), "tour" if robots == 1 else "round"],
         least_capture=np.array([*least, on_tour.watched_capture]),
         any_time=np.array([*(float(blind.min()) for _, blind in captured), on_tour.least_capture]),
         upper_bound=bound,

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from ...mapping import Chain
 from ...optimize import Graph
-from ...optimize.checked import check_count
+from ...optimize.validation import check_count
 from ..team.times import check_vertex
 
 

@@ -9,7 +9,7 @@ from ...mapping import Chain
 from ...mapping.generalized import slots_of
 from ...markov import dense
 from ...optimize import Graph
-from ...optimize.checked import one_each
+from ...optimize.validation import one_each
 
 
 def random_walk(graph: Graph, weights: Any = None) -> Chain:

@@ -53,6 +53,7 @@ class Cover(MapStudy):
             f"covering {cells.positions:,} positions by {count} angles, {cells.size:,} cells each"
         )
         say(doing)
+        check_target(self.target)
         return bounce.coverage_policy(
             cells,
             radians(self.bounces),

@@ -11,7 +11,6 @@ from ...bounce.coverage import coverage_target
 from ...drift.currents.netcdf import open_netcdf
 from ...space import CellSpace
 from ...space.maps.images import read_image
-from .cover import check_target
 
 
 _MAX_VALUES = 100_000_000
@@ -26,7 +25,6 @@ def read_target(cells: CellSpace, text: str) -> Float[np.ndarray, "positions"]:
     """
     if text == "uniform":
         return coverage_target(cells)
-    check_target(text)
     try:
         file, colon, variable = text.rpartition(":")
         if colon and file.endswith(".nc"):

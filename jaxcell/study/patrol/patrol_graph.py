@@ -1,28 +1,35 @@
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
+
+import tyro
 
 from ... import optimize, patrol, space, verify as verification
 from ...base import memory
 from ...base.limits import MAX_VERTICES
 from ...base.secondary import Secondary
-from ..parameters import AtLeastOne, Needed, Only, Share
-from ..study import Say, about, silent
-from .graph_study import GraphStudy
+from ..parameters import AtLeastOne, Limit, Needed, Only, Share
+from ..study import Say, Study, silent
 
 
 if TYPE_CHECKING:
     import numpy as np
 
 
+_Positive: TypeAlias = Annotated[float, Limit(gt=0)]
+# A walk on a part of a graph cannot have parameters that name vertices outside this part.
+_OF_ALL = Only(
+    robots=True, vertex=False, emphasis=False, visits=False, attack_times=False, constraints=False
+)
 # The least travel time of a round in seconds, between vertices in one place.
 _BRIEFEST = 1e-6
-_CHANCE = "least chance that"
+# The strategies whose walks do not depend on travel times.
+_BY_STEPS = ("mixing", "kemeny", "entropy", "return-time")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PatrolGraph(GraphStudy):
+class PatrolGraph(Study):
     """Find a random walk that patrols a graph, and solve its game against an adversary."""
 
     name: ClassVar[str] = "patrol"
@@ -30,6 +37,10 @@ class PatrolGraph(GraphStudy):
     example: ClassVar[str] = "@random --robots 2"
     task: ClassVar[str] = "patrol"
 
+    file: tyro.conf.Positional[Annotated[Path | Any, tyro.conf.arg(constructor=Path)]]
+    """Graph: a name such as @eight, or a file: node-link .json, .graphml, .gml, .adjlist, .graph of
+    patrolling_sim, or a list of vertices and edges in .edges or .txt. If vertices have no
+    positions, all edges have the same length."""
     strategy: Literal[
         "commute", "toward", "mixing", "kemeny", "entropy", "return-time", "capture"
     ] = "commute"
@@ -69,6 +80,36 @@ class PatrolGraph(GraphStudy):
     game: bool = False
     """Also find the best probabilities of choosing the commute walk or a walk toward a vertex,
     against an adversary who knows these probabilities."""
+    attack_time: Annotated[int | None, Needed(strategy="capture", attack_times=False)] = None
+    """Duration of an attack in steps, or in seconds with --speed."""
+    robots: AtLeastOne = 1
+    """Number of patrollers, which walk independently."""
+    division: Annotated[Literal["shared", "partition"] | None, _OF_ALL] = None
+    """Division of the graph among several robots: all patrol the whole graph (shared), or each
+    patrols a part of it (partition). The result compares both. By default all patrol the whole
+    graph, and nothing is compared."""
+    speed: _Positive | None = None
+    """Speed in metres per second, which determines the travel time of each edge. By default an edge
+    takes one step."""
+    time_unit: Annotated[_Positive | None, Only(speed=True)] = None
+    """Unit of time in seconds. Travel times of edges are rounded up to multiples of this unit, and
+    durations of attacks down, so that the walk captures at least what is computed. A smaller unit
+    takes longer. By default it is 1 s or, with attacks, a fraction of the longest attack down to
+    1/24, for which times are rounded least."""
+    base: str | None = None
+    """Base station: a vertex where robots report news. The result contains the age of the news at
+    the base."""
+    charger: Annotated[str | None, Only(speed=False)] = None
+    """Vertex to which each robot must return within --every steps. The walk is changed to meet this
+    condition; with --attack-time, a new walk is optimized under this condition instead."""
+    every: Annotated[int | None, Needed(charger=True)] = None
+    """Largest number of steps between two visits to the charger."""
+    baselines: bool = False
+    """Simulate the times between visits to a vertex: for this walk, for robots on a tour, for
+    robots that choose a neighbour uniformly, and for robots that choose the neighbour whose last
+    visit is longest ago."""
+    seed: int = 0
+    """Seed of the recorded walk, and of simulations."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -88,84 +129,106 @@ class PatrolGraph(GraphStudy):
         return needed
 
     def run(self, say: Say = silent) -> "patrol.GraphPatrol":
-        import numpy as np
+        from .strategies import find_walks
 
         graph, names = patrol.load_graph(self.file)
         if self.speed is not None and self.time_unit is None:
             unit = 1.0
-            if self._guards and graph.lengths.any():
+            if self.guards and graph.lengths.any():
                 unit = patrol.team.time_unit_of(graph, self.speed, self._attack_times(names))
             return dataclasses.replace(self, time_unit=unit).run(say)
         self._check(graph, names)
-        emphasis = self.vertices(names, "emphasis", *self.emphasis) or None
-        for name, vertex in (("base", self.base), ("charger", self.charger)):
-            self.vertices(names, name, *([] if vertex is None else [vertex]))
         say(f"seeking a walk on {graph.vertices:,} vertices")
-        walk, game, beside = self._walks(graph, names, emphasis, say), None, Secondary()
-        if self.game:
-            say("mixing strategies")
-            values = self.values
-            stakes = None if values is None else patrol.files.load_stakes(values, names)
-            game = beside.compute(
-                "the game",
-                lambda: patrol.strategy_game(
-                    graph, emphasis, self.share, paths=self.paths, names=names, stakes=stakes
-                ),
-            )
-        options: dict[str, Any] = {"names": names, "robots": self.robots, "seed": self.seed}
-        options["weights_unused"] = patrol.files.has_weights(self.file)
-        by_steps = ("mixing", "kemeny", "entropy", "return-time")
-        options["by_steps"] = self.speed is not None and self.strategy in by_steps
-        if self.speed is not None:
-            longer = self.unit * self.times(graph) - graph.lengths / self.speed
-            options["time_unit"] = self.unit
-            options["rounded_up"] = float(longer.max())
-        patrolled = patrol.GraphPatrol.of(graph, **walk, game=game, **options)
-        if self.memory_states > 1:
-            walks_with_memory = beside.compute(
-                "the search for walks with memory",
-                lambda: patrol.walks.memory_patrol(
-                    graph,
-                    self._attack(names),
-                    self.memory_states,
-                    patrolled.matrices,
-                    travel_times=self.times(graph),
-                    names=names,
-                    say=say,
-                ),
-            )
-            patrolled = dataclasses.replace(patrolled, walks_with_memory=walks_with_memory)
-        if self.robots > 1 or self._guards:
-            attack = self._attack_times(names) if self._guards else None
-            given: dict[str, Any] = {"names": names}
-            if self.speed is not None:
-                # A round needs no whole times.
-                exact = np.maximum(graph.lengths / self.speed, _BRIEFEST)
-                given |= {"travel_times": exact, "unit": 1.0}
-            round = beside.compute(
-                "the evenly spaced round",
-                lambda: patrol.team.evenly_spaced_round(graph, self.robots, attack, **given),
-            )
-            patrolled = dataclasses.replace(patrolled, round=round)
-        left_out = patrolled.left_out + beside.left_out
-        patrolled = dataclasses.replace(patrolled, left_out=left_out)
-        return dataclasses.replace(patrolled, **self.more(patrolled, say))
+        walk, division = find_walks(self, graph, names, say)
+        beside = Secondary()
+        patrolled = patrol.GraphPatrol.of(
+            graph,
+            **vars(walk),
+            names=names,
+            robots=self.robots,
+            attack_time=self.attack(names) if self.guards else None,
+            travel_times=self.times(graph),
+            division=division,
+            game=self._game(graph, names, beside, say),
+            by_steps=self.speed is not None and self.strategy in _BY_STEPS,
+            time_unit=self.time_unit,
+            rounded_up=self._rounded_up(graph),
+            weights_unused=patrol.files.has_weights(self.file),
+            seed=self.seed,
+        )
+        with_memory = self._walks_with_memory(patrolled, beside, say)
+        patrolled = dataclasses.replace(patrolled, walks_with_memory=with_memory)
+        return dataclasses.replace(
+            patrolled,
+            round=self._round(patrolled, beside),
+            timed=self._timed(patrolled, beside),
+            news=self._news(patrolled, beside, say),
+            charged=self._charged(patrolled, beside, say),
+            idleness=self._idleness(patrolled, beside, say),
+            left_out=patrolled.left_out + beside.left_out,
+        )
 
     def headline(self, spec: dict[str, Any]) -> str:
         return f"{self.file}: {self.strategy}"
+
+    def spec(self, result: "patrol.GraphPatrol") -> dict[str, Any]:  # type: ignore[override]
+        spec = super().spec(result)
+        return spec if self.speed is None else spec | {"time_unit": result.time_unit}
 
     def verify(self, result: Any) -> "Sequence[verification.Comparison]":
         compared = verification.compare_walk(result)
         if self.strategy == "commute" and self.division != "partition":
             emphasis = self.vertices(result.names, "emphasis", *self.emphasis)
-            rules = self._constraints(result.graph, result.names)
+            rules = self.rules(result.graph, result.names)
             compared += verification.compare_commute(result, emphasis, self.share, rules)
         if result.game is None:
             return compared
         return [*compared, *verification.compare_game(result.game)]
 
+    @property
+    def guards(self) -> bool:
+        """`True` if there are attacks."""
+        return self.attack_time is not None or self.attack_times is not None
+
+    @property
+    def unit(self) -> float:
+        """The unit of time: a step, or with a speed, the unit in seconds."""
+        return 1.0 if self.time_unit is None else self.time_unit
+
+    def times(self, graph: "optimize.Graph") -> Any:
+        """Return the travel time of each edge in units of `time_unit`; `None` without a speed."""
+        if self.speed is None:
+            return None
+        return patrol.team.whole_times(graph, self.speed, self.unit)
+
+    def attack(self, names: Sequence[str]) -> "np.ndarray":
+        """Return the durations of attacks in steps or, with a speed, in units of `time_unit`."""
+        import numpy as np
+
+        times = np.asarray(self._attack_times(names))
+        return np.floor(times / self.unit + 1e-9).astype(np.int64)
+
+    def _attack_times(self, names: Sequence[str]) -> Any:
+        """Return the durations of attacks in steps or, with a speed, in seconds."""
+        if self.attack_times is None:
+            return self.attack_time
+        return patrol.files.load_values(self.attack_times, names, whole=self.speed is None)
+
+    def rules(self, graph: "optimize.Graph", names: Sequence[str]) -> "list[optimize.Linear]":
+        """Read the constraints on the walk, if there are any."""
+        file = self.constraints
+        return [] if file is None else patrol.walks.load_constraints(file, graph, names)
+
+    def vertices(self, names: Sequence[str], parameter: str, *wanted: str) -> list[int]:
+        """Return the index in `names` of each vertex in `wanted`. Errors name `parameter`."""
+        for name in wanted:
+            if name not in names:
+                listed = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
+                raise ValueError(f"{parameter}: there is no vertex {name!r}; there are {listed}")
+        return [names.index(name) for name in wanted]
+
     def _check(self, graph: "optimize.Graph", names: Sequence[str]) -> None:
-        """Raise if the graph is too large or not connected, or if an attack is too short."""
+        """Raise if the graph does not suit the parameters, or if an attack is too short."""
         from ...base.connected import vertices_apart
 
         if self.speed is not None and graph.xy is None and graph.ways is None:
@@ -184,20 +247,19 @@ class PatrolGraph(GraphStudy):
                 f"{names[apart[0][0]]!r}; expected a connected graph"
             )
         if self.division != "partition":
-            self._check_reach(graph, names, 1 if self.division == "shared" else self.robots)
+            self.check_reach(graph, names, 1 if self.division == "shared" else self.robots)
+        self.vertices(names, "emphasis", *self.emphasis)
+        for parameter, vertex in (("base", self.base), ("charger", self.charger)):
+            if vertex is not None:
+                self.vertices(names, parameter, vertex)
 
-    @property
-    def _guards(self) -> bool:
-        """`True` if there are attacks."""
-        return self.attack_time is not None or self.attack_times is not None
-
-    def _check_reach(self, graph: "optimize.Graph", names: Sequence[str], robots: int) -> None:
+    def check_reach(self, graph: "optimize.Graph", names: Sequence[str], robots: int) -> None:
         """Raise if robots are too slow for the graph or, in a team, for their parts of it."""
         from ...patrol.walks import arrival
 
-        if not self._guards:
+        if not self.guards:
             return
-        numbers = arrival.whole_numbers(graph, self._attack(names), self.times(graph))
+        numbers = arrival.whole_numbers(graph, self.attack(names), self.times(graph))
         try:
             if robots == 1:
                 arrival.check_reach(*numbers, names, self.unit)
@@ -211,151 +273,117 @@ class PatrolGraph(GraphStudy):
                 f"{self.unit:.4g} s"
             ) from None
 
-    def _walks(
-        self, graph: "optimize.Graph", names: Sequence[str], emphasis: list[int] | None, say: Say
-    ) -> dict[str, Any]:
-        """Find the walks of all robots. With `division`, compare sharing and dividing the graph."""
-        import numpy as np
-        import scipy.sparse
+    def _rounded_up(self, graph: "optimize.Graph") -> float:
+        """Return the largest time in seconds by which the travel time of an edge is rounded up."""
+        if self.speed is None:
+            return 0.0
+        return float((self.unit * self.times(graph) - graph.lengths / self.speed).max())
 
-        from ...mapping import Chain
+    def _game(
+        self, graph: "optimize.Graph", names: Sequence[str], beside: Secondary, say: Say
+    ) -> Any:
+        if not self.game:
+            return None
+        say("mixing strategies")
+        stakes = None if self.values is None else patrol.files.load_stakes(self.values, names)
+        emphasis = self.vertices(names, "emphasis", *self.emphasis) or None
+        return beside.compute(
+            "the game",
+            lambda: patrol.strategy_game(
+                graph, emphasis, self.share, paths=self.paths, names=names, stakes=stakes
+            ),
+        )
 
-        if self.division is None:
-            return self._walk(graph, names, emphasis, self.robots)
-        with about("robots"):
-            region = patrol.team.divide_graph(graph, self.robots, names=names)
-        parts, matrices = [], []
-        for robot in range(self.robots):
-            say(f"seeking a walk on part {robot + 1} of {self.robots}")
-            inside = np.flatnonzero(region == robot)
-            part = patrol.team.part_of_graph(graph, inside)
-            called = [names[v] for v in inside.tolist()]
-            self._check_reach(part, called, 1)
-            parts.append(self._walk(part, called, None, 1))
-            within = parts[-1]["chain"].to_scipy().toarray()
-            matrices.append(patrol.team.walk_in_part(graph, inside, within))
-        worst = min(parts, key=lambda part: part["value"] or 0.0)
-        divided = worst | {
-            "chain": Chain.from_scipy(scipy.sparse.csr_array(matrices[0])),
-            "team": np.stack(matrices),
-            "travel_times": self.times(graph),
-        }
-        shared = None
-        try:
-            self._check_reach(graph, names, 1)
-        except ValueError:
-            if self.division == "shared":
-                raise
-        else:
-            say(f"seeking walks of {self.robots} robots on the whole graph")
-            shared = self._walk(graph, names, emphasis, self.robots)
-        walks = divided if shared is None or self.division == "partition" else shared
-        return walks | {"division": _compared(shared, divided, region, self.robots)}
+    def _walks_with_memory(
+        self, patrolled: "patrol.GraphPatrol", beside: Secondary, say: Say
+    ) -> Any:
+        if self.memory_states == 1:
+            return None
+        return beside.compute(
+            "the search for walks with memory",
+            lambda: patrol.walks.memory_patrol(
+                patrolled.graph,
+                self.attack(patrolled.names),
+                self.memory_states,
+                patrolled.matrices,
+                travel_times=self.times(patrolled.graph),
+                names=patrolled.names,
+                say=say,
+            ),
+        )
 
-    def _constraints(
-        self, graph: "optimize.Graph", names: Sequence[str]
-    ) -> "list[optimize.Linear]":
-        file = self.constraints
-        return [] if file is None else patrol.walks.load_constraints(file, graph, names)
-
-    def _walk(
-        self, graph: "optimize.Graph", names: Sequence[str], emphasis: list[int] | None, robots: int
-    ) -> dict[str, Any]:
-        """Find the walk of the strategy; return it as keyword arguments of `GraphPatrol.of`."""
+    def _round(self, patrolled: "patrol.GraphPatrol", beside: Secondary) -> Any:
         import numpy as np
 
-        if self.strategy == "toward":
-            (vertex,) = self.vertices(names, "vertex", str(self.vertex))
-            return {"chain": patrol.toward(graph, vertex, self.paths), "value": None}
-        # With free shares of time, the best walks leave some vertices out.
-        even = np.full(graph.vertices, 1 / graph.vertices)
-        visits = None
-        if self.visits is not None:
-            visits = patrol.files.load_values(self.visits, names)
-            visits = even = visits / visits.sum()
-        best: Any
-        team: Any = None
-        who = "one patroller captures" if robots == 1 else f"{robots} patrollers capture"
-        within = f"{self.attack_time} {'steps' if self.speed is None else 's'}"
-        within = "its attack time" if self.attack_time is None else within
-        goal = {
-            "return-time": "return-time entropy, in nats",
-            "capture": f"{_CHANCE} {who} within {within}",
-        }.get(self.strategy)
-        bounds = None
-        if self.strategy == "commute":
-            rules = self._constraints(graph, names)
-            best = optimize.minimum_commute(
-                graph, emphasis, self.share, durations=self.times(graph), constraints=rules
-            )
-            chain = patrol.random_walk(graph, best.weights)
-            if rules:
-                bounds = patrol.walks.MetConstraints(rules, best.weights, best.prices)
-        elif self.strategy == "capture":
-            best = patrol.maximin_capture(
-                graph,
-                self._attack(names),
-                travel_times=self.times(graph),
-                robots=robots,
-                throw=False,
-            )
-            chain, team = best.chains[0], best.matrices if robots > 1 else None
-        else:
-            seek: Any = {
-                "mixing": lambda: optimize.fastest_mixing(graph, even),
-                "kemeny": lambda: patrol.walks.minimum_kemeny(graph, even, stay=True, throw=False),
-                "entropy": lambda: patrol.walks.maximum_entropy_rate(
-                    graph, visits, stay=visits is not None
-                ),
-                "return-time": lambda: patrol.walks.maximum_return_time_entropy(
-                    graph, even, stay=True, throw=False
-                ),
-            }[self.strategy]
-            best = seek()
-            chain = best.chain
-        value = None if goal is None else best.value
-        return {
-            "attack_time": self._attack(names) if self._guards else None,
-            "travel_times": self.times(graph),
-            "bounds": bounds,
-            "chain": chain,
-            "team": team,
-            "certificate": best.certificate,
-            "goal": goal,
-            "value": value,
-            "local": self.strategy in ("kemeny", "return-time", "capture"),
-        }
+        if self.robots == 1 and not self.guards:
+            return None
+        # A round needs no whole times.
+        exact = None
+        if self.speed is not None:
+            exact = np.maximum(patrolled.graph.lengths / self.speed, _BRIEFEST)
+        return beside.compute(
+            "the evenly spaced round",
+            lambda: patrol.team.evenly_spaced_round(
+                patrolled.graph,
+                self.robots,
+                self._attack_times(patrolled.names),
+                travel_times=exact,
+                unit=None if exact is None else 1.0,
+                names=patrolled.names,
+            ),
+        )
 
-    def _attack_times(self, names: Sequence[str]) -> Any:
-        """Return the durations of attacks in steps or, with a speed, in seconds."""
-        if self.attack_times is None:
-            return self.attack_time
-        return patrol.files.load_values(self.attack_times, names, whole=self.speed is None)
+    def _timed(self, patrolled: "patrol.GraphPatrol", beside: Secondary) -> Any:
+        if self.speed is None:
+            return None
+        seconds = self.unit * self.times(patrolled.graph)
+        walks = patrolled.matrices, patrolled.shares
+        return beside.compute(
+            "the table of times in seconds",
+            lambda: patrol.team.timed(patrolled.graph, *walks, seconds, self.unit),
+        )
 
-    def _attack(self, names: Sequence[str]) -> "np.ndarray":
-        """Return the durations of attacks in steps or, with a speed, in units of `time_unit`."""
-        import numpy as np
+    def _news(self, patrolled: "patrol.GraphPatrol", beside: Secondary, say: Say) -> Any:
+        if self.base is None:
+            return None
+        say("following news")
+        (base,) = self.vertices(patrolled.names, "base", self.base)
+        return beside.compute(
+            "the age of news",
+            lambda: patrol.team.age_of_news(
+                patrolled.graph,
+                patrolled.matrices,
+                base,
+                times=self.times(patrolled.graph),
+                unit=self.unit,
+                names=patrolled.names,
+            ),
+        )
 
-        times = np.asarray(self._attack_times(names))
-        return np.floor(times / self.unit + 1e-9).astype(np.int64)
+    def _charged(self, patrolled: "patrol.GraphPatrol", beside: Secondary, say: Say) -> Any:
+        if self.charger is None or self.every is None:
+            return None
+        (charger,) = self.vertices(patrolled.names, "charger", self.charger)
+        walk = patrolled.graph, patrolled.matrices, charger, self.every
+        what, names = "the walk that returns to the charger", patrolled.names
+        if self.attack_time is None:
+            return beside.compute(what, lambda: patrol.team.charged(*walk, names=names))
+        say("seeking a walk that is back at the charger in time")
+        options: Any = {"attack_time": self.attack_time, "seed": self.seed, "names": names}
+        return beside.compute(what, lambda: patrol.walks.charged_capture(*walk, **options))
 
-
-def _compared(
-    shared: dict[str, Any] | None, divided: dict[str, Any], region: "np.ndarray", robots: int
-) -> "patrol.team.Division":
-    """Compare robots that divide the graph with robots that share it, if `shared` is given."""
-    import numpy as np
-
-    rows, nothing = [], np.full(region.size, np.nan)
-    for walks in (shared, divided):
-        visits = nothing
-        if walks is not None:
-            team = walks["team"]
-            if team is None:
-                team = np.stack([walks["chain"].to_scipy().toarray()] * robots)
-            visits = patrol.team.steps_between_visits(patrol.team.long_run(team))
-        value = np.nan if walks is None or walks["value"] is None else walks["value"]
-        rows.append((visits.mean(), visits.max(), value))
-    mean, worst, value = np.array(rows).T
-    caught = value if str(divided["goal"]).startswith(_CHANCE) else None
-    return patrol.team.Division(["shared", "partition"], mean, worst, caught, region)
+    def _idleness(self, patrolled: "patrol.GraphPatrol", beside: Secondary, say: Say) -> Any:
+        if not self.baselines:
+            return None
+        say("simulating patrols")
+        times = self.times(patrolled.graph)
+        return beside.compute(
+            "the simulation of patrols",
+            lambda: patrol.team.simulate_idleness(
+                patrolled.graph,
+                patrolled.walks,
+                times=None if times is None else times * self.unit,
+                attack_time=self.attack_time,
+                seed=self.seed,
+            ),
+        )

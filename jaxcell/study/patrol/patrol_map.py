@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
 from ... import optimize, patrol, space, verify as verification
-from ...base.limits import MAX_CELLS, MAX_VERTICES
+from ...base.limits import MAX_CELLS
 from ...base.secondary import Secondary
 from ..map_study import CellStudy
 from ..parameters import AtLeastOne, Limit, Metres, Needed, Only
@@ -15,10 +15,6 @@ if TYPE_CHECKING:
     import numpy as np
 
 
-# The shares among which "auto" chooses.
-_SHARES = (0.0, 0.2, 0.5, 0.8)
-MAX_ROBOTS = 20
-"""Largest number of robots that `robots="auto"` tries."""
 _Reach: TypeAlias = Annotated[Metres, Limit(gt=0)]
 _Floor: TypeAlias = Annotated[float, Limit(ge=0, lt=1)]
 _CAPTURE = Only(strategy="capture")
@@ -96,6 +92,7 @@ class PatrolMap(CellStudy):
         import jax
 
         from ...patrol.map.policies import smallest_covers
+        from .teams import find_team
 
         cells = self.cells()
         say(f"looking around from {cells.positions:,} cells")
@@ -104,44 +101,31 @@ class PatrolMap(CellStudy):
         target = None if self.target is None else _position(cells, self.target, "target")
         regions = self._regions(cells, graph)
 
-        attack = patrol.Attack(self.attack_times, self.start)
-        patrolled, beside = self._patrolled(graph, visible, regions, attack, say), Secondary()
-        policies = patrolled["policies"]
-        if self.frontier:
-            say(f"searching at {len(self.frontier)} floors of randomness")
-            patrolled["frontier"] = beside.compute(
-                "the trade-off of capture and randomness",
-                lambda: patrol.map.capture_frontier(
-                    graph, visible, len(policies), attack, self.frontier, seed=self.seed, say=say
-                ),
-            )
+        attack, beside = patrol.Attack(self.attack_times, self.start), Secondary()
+        team, size_capture = find_team(self, graph, visible, regions, attack, say)
+        site = graph, visible, team.policies
+        frontier = self._frontier(graph, visible, len(team.policies), attack, beside, say)
         say("attacking every cell")
-        capture = patrol.Capture.of(graph, visible, policies, attack, regions)
-        patrolled["round"] = beside.compute(
+        capture = patrol.Capture.of(*site, attack, regions)
+        round = beside.compute(
             "the evenly spaced round",
             lambda: patrol.team.round_on_map(
-                graph, visible, len(policies), self.attack_times[0], capture.contested
+                graph, visible, len(team.policies), self.attack_times[0], capture.contested
             ),
         )
-        after = None
-        if self.lost is not None and regions is not None:
-            given = graph, visible, regions, policies, self.lost
-            after = beside.compute(
-                "the division of the map without the lost robot",
-                lambda: patrol.map.reassign(*given, share=patrolled["chosen_share"]),
-            )
+        after = self._reassignment(*site, regions, team.chosen_share, beside)
+        loss, recovery = None, None
         if after is not None:
-            left = [policies[robot] for robot in sorted(after.robot.tolist())]
+            left = [team.policies[robot] for robot in sorted(after.robot.tolist())]
             loss, recovery = (
                 dataclasses.replace(
                     patrol.Capture.of(graph, visible, by, attack), contested=capture.contested
                 )
                 for by in (left, after.policies)
             )
-            patrolled |= {"reassignment": after, "loss": loss, "recovery": recovery}
         target = self._target(target, capture, regions)
         say(f"simulating {self.runs:,} attacks, and fitting their law")
-        key, site = jax.random.key(self.seed), (graph, visible, policies)
+        key = jax.random.key(self.seed)
         attacked = patrol.vulnerability(key, *site, target, attack, runs=self.runs)
         say("comparing covers")
         return patrol.PatrolledMap(
@@ -150,69 +134,25 @@ class PatrolMap(CellStudy):
             sight=self.sight,
             graph=graph,
             visible=visible,
+            policies=team.policies,
             attack=attacked,
             captures=capture,
             regions=regions,
-            smallest_covers=smallest_covers(visible, policies),
+            reassignment=after,
+            loss=loss,
+            recovery=recovery,
+            search=team.search,
+            frontier=frontier,
+            round=round,
+            share=team.share,
+            share_capture=team.share_capture,
+            chosen_share=team.chosen_share,
+            size_capture=size_capture,
+            wanted=self.capture,
+            smallest_covers=smallest_covers(visible, team.policies),
             seed=self.seed,
             left_out=beside.left_out,
-            **patrolled,
         )
-
-    def _patrolled(
-        self,
-        graph: "optimize.Graph",
-        visible: "np.ndarray",
-        regions: "patrol.map.Regions | None",
-        attack: "patrol.Attack",
-        say: Say,
-    ) -> dict[str, Any]:
-        """Find the policies of the robots, or of the fewest robots that reach `capture`."""
-        import numpy as np
-
-        most = min(MAX_ROBOTS, graph.vertices) if self.robots == "auto" else self.robots
-        tried = _SHARES if self.share == "auto" else tuple(sorted({0.0, self.share}))
-        if graph.vertices > MAX_VERTICES:
-            # One search takes a minute or more.
-            tried = (0.0,) if self.share == "auto" else (self.share,)
-        made = []
-        for share in tried if self.strategy == "commute" else ():
-            say(f"making policies for {most} robots, with a share of {share:g}")
-            if regions is None:
-                made.append(patrol.distributed_policies(graph, visible, most, share))
-            else:
-                made.append(patrol.map.centralized_policies(graph, visible, regions, share))
-        reached: list[float] = []
-        for robots in range(most if self.capture is None else 1, most + 1):
-            if made:
-                teams = [policies[:robots] for policies in made]
-                captures = [
-                    patrol.Capture.of(graph, visible, team, attack.first, regions) for team in teams
-                ]
-                least = np.array([capture.least[0] for capture in captures])
-                # Captures that differ by rounding count as equal; the first of them is taken.
-                auto = int(np.argmax(np.round(least, 9)))
-                best = auto if self.share == "auto" else tried.index(self.share)
-                patrolled: dict[str, Any] = {
-                    "policies": teams[best],
-                    "chosen_share": tried[best],
-                    "share": np.array(tried),
-                    "share_capture": least,
-                }
-                reached.append(float(least[best]))
-            else:
-                say(f"searching for the patrol of {robots} robots that captures most")
-                options = {name: getattr(self, name) for name in ("randomness", "starts", "seed")}
-                search = patrol.capture_policies(graph, visible, robots, attack, **options, say=say)
-                patrolled = {"policies": search.policies, "search": search}
-                reached.append(search.value)
-            if self.capture is not None:
-                say(f"a team of {robots} captures {reached[-1]:.3f} at least")
-                if reached[-1] >= self.capture:
-                    break
-        if self.capture is not None:
-            patrolled |= {"size_capture": np.array(reached), "wanted": self.capture}
-        return patrolled
 
     def spec(self, result: Any) -> dict[str, Any]:
         spec = super().spec(result)
@@ -290,6 +230,42 @@ class PatrolMap(CellStudy):
         with about("base"):
             base = patrol.map.base_station(graph, seen) if base is None else base
             return patrol.map.angular_regions(graph, base, seen[base], int(self.robots))
+
+    def _frontier(
+        self,
+        graph: "optimize.Graph",
+        visible: "np.ndarray",
+        robots: int,
+        attack: "patrol.Attack",
+        beside: Secondary,
+        say: Say,
+    ) -> "patrol.map.Frontier | None":
+        if not self.frontier:
+            return None
+        say(f"searching at {len(self.frontier)} floors of randomness")
+        return beside.compute(
+            "the trade-off of capture and randomness",
+            lambda: patrol.map.capture_frontier(
+                graph, visible, robots, attack, self.frontier, seed=self.seed, say=say
+            ),
+        )
+
+    def _reassignment(
+        self,
+        graph: "optimize.Graph",
+        visible: "np.ndarray",
+        policies: "tuple[patrol.map.Policy, ...]",
+        regions: "patrol.map.Regions | None",
+        share: float | None,
+        beside: Secondary,
+    ) -> "patrol.map.Reassignment | None":
+        lost = self.lost
+        if lost is None or regions is None or share is None:
+            return None
+        return beside.compute(
+            "the division of the map without the lost robot",
+            lambda: patrol.map.reassign(graph, visible, regions, policies, lost, share=share),
+        )
 
     def _target(
         self, wanted: int | None, capture: "patrol.Capture", regions: "patrol.map.Regions | None"

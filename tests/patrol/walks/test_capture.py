@@ -16,8 +16,8 @@ from jaxcell.patrol.walks.arrival import (
     walk_capture_probabilities,
     whole_numbers,
 )
-from jaxcell.patrol.walks.optimal import capture, sequential_lp
-from jaxcell.patrol.walks.optimal.capture import maximin_capture
+from jaxcell.patrol.walks.optimal import maximin, sequential_lp
+from jaxcell.patrol.walks.optimal.maximin import maximin_capture
 from jaxcell.patrol.walks.optimal.polytope import ChainPolytope
 from jaxcell.patrol.walks.optimal.sequential_lp import Captures, maximize_least_capture
 
@@ -243,8 +243,8 @@ def test_programs_of_few_attacks_end_where_those_of_all_do(monkeypatch):
 
 
 def test_too_large_for_linear_programs(monkeypatch):
-    monkeypatch.setattr(capture, "POLISHED", 0)
-    monkeypatch.setattr(capture, "STEPS", 300)
+    monkeypatch.setattr(maximin, "POLISHED", 0)
+    monkeypatch.setattr(maximin, "STEPS", 300)
     walk = maximin_capture(GRID, 4, starts=1, throw=False)
     assert walk.value == pytest.approx(walk_capture_probabilities(GRID, walk.matrices[0], 4).min())
     assert walk.value > 0.15
@@ -255,7 +255,7 @@ def test_with_travel_times_too_large_for_linear_programs(monkeypatch):
     """Harder and harder soft minima come within a thousandth of the linear programs."""
     options = {"travel_times": TIMES, "starts": 2, "stay": True, "throw": False}
     best = maximin_capture(KITE, 6, **options).value
-    monkeypatch.setattr(capture, "POLISHED", 0)
+    monkeypatch.setattr(maximin, "POLISHED", 0)
     walk = maximin_capture(KITE, 6, **options)
     assert best * (1 - 1e-3) < walk.value <= best * (1 + 1e-9)
     assert walk.certificate.tolerance == 0.02

@@ -8,6 +8,7 @@ from graphs import graph_of
 from walks import walk_on
 
 from jaxcell import patrol
+from jaxcell.base.secondary import Secondary
 from jaxcell.optimize import Graph
 from jaxcell.patrol.team.charging import Charged, in_time_for_charge
 from jaxcell.patrol.walks.optimal.charged_capture import charged_capture
@@ -109,7 +110,7 @@ def test_capture_with_a_charger_is_sought(monkeypatch, tmp_path):
     options = {"strategy": "capture", "charger": "2", "every": 3, "attack_time": 4}
     study = PatrolGraph(file=file, **options)
     found = patrol.GraphPatrol.of(KITE, patrol.random_walk(KITE, np.ones(4)))
-    assert study.more(found, print).keys() == {"charged"}
+    study._charged(found, Secondary(), print)
     assert asked["a"][2:] == (2, 3)
     assert asked["attack_time"] == 4
     assert asked["names"] == ["0", "1", "2", "3"]

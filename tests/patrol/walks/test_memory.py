@@ -9,7 +9,7 @@ from jaxcell.patrol import maximin_capture
 from jaxcell.patrol.perimeter import Movement, Perimeter, detection_polynomials, maximin
 from jaxcell.patrol.team import simulate_idleness
 from jaxcell.patrol.walks import capture_bound, memory_patrol, walk_capture_probabilities
-from jaxcell.patrol.walks.optimal import bound, capture
+from jaxcell.patrol.walks.optimal import bound, maximin as search
 from jaxcell.patrol.walks.optimal.pursuit import Pursuit
 from jaxcell.patrol.walks.steps import SymmetricSteps
 from jaxcell.patrol.walks.symmetries import symmetries
@@ -57,7 +57,7 @@ def test_capture_with_memory_is_the_sum_over_all_walks_of_states(stay, times):
 @pytest.fixture
 def brief(monkeypatch):
     """Searches take a third of their steps, from which linear programs complete them."""
-    monkeypatch.setattr(capture, "STEPS", 400)
+    monkeypatch.setattr(search, "STEPS", 400)
 
 
 @pytest.mark.usefixtures("brief")
@@ -73,7 +73,7 @@ def test_two_states_are_a_direction_on_a_ring(attack):
 def test_memory_helps_and_no_walk_exceeds_the_bound(monkeypatch):
     """Without memory at most 0.1584 is found on this grid."""
     # Few programs.
-    monkeypatch.setattr(capture, "EXACT", 0)
+    monkeypatch.setattr(search, "EXACT", 0)
     graph, attack = grid(3, 3), 4
     walk = maximin_capture(graph, attack, memory=2, starts=1, throw=False)
     assert 0.21 < walk.value < capture_bound(graph, attack)
@@ -85,7 +85,7 @@ def test_memory_helps_and_no_walk_exceeds_the_bound(monkeypatch):
 def test_a_robot_that_acts_alike_in_symmetric_positions_against_all_walks():
     graph, memory, attack = grid(2, 3), 8, 4
     frames = symmetries(delays_of(graph, 1), ["corner", "side", "corner"] * 2)
-    steps = SymmetricSteps.of(capture._with_memory(graph, memory, False), frames)
+    steps = SymmetricSteps.of(search._with_memory(graph, memory, False), frames)
     assert len(frames) == 4
     logits = np.random.default_rng(0).normal(size=(1, *steps.own.image.shape))
     chance = steps.chances(logits, 0.0)
@@ -107,10 +107,10 @@ def test_a_robot_that_acts_alike_in_symmetric_positions_against_all_walks():
 def test_copies_of_states_capture_the_same_and_a_search_from_them_is_not_worse(
     monkeypatch, times, states
 ):
-    monkeypatch.setattr(capture, "POLISHED", 0)
+    monkeypatch.setattr(search, "POLISHED", 0)
     known = maximin_capture(KITE, 5, travel_times=times, memory=states, starts=2, throw=False)
     exact = walk_capture_probabilities(KITE, known.matrices[0], 5, times)
-    (copies,) = capture._copied(known.matrices, 3, 4, 0)
+    (copies,) = search._copied(known.matrices, 3, 4, 0)
     owners = [0, 0, 0] if states == 1 else [0, 0, 1]
     np.testing.assert_allclose(
         walk_capture_probabilities(KITE, copies, 5, times).reshape(3, 4, 4),

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from graphs import SMALL, TABLE_4_2
 
-from jaxcell.optimize.conductance import minimum_commute
+from jaxcell.optimize.commute import minimum_commute
 from jaxcell.patrol import Graph, random_walk
 from jaxcell.patrol.walks import measure
 

@@ -14,7 +14,7 @@ from ....base.certificate import Certificate, Numbers, Real
 from ....base.precision import require_x64
 from ....base.process import one_blas_thread
 from ....mapping import Chain
-from ....optimize.checked import check_count
+from ....optimize.validation import check_count
 from .polytope import ChainPolytope
 
 

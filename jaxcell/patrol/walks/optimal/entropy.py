@@ -14,7 +14,7 @@ from ....base.wide import traced
 from ....mapping.traced import first_derivative_only, implicit, like, on_host
 from ....markov import dense
 from ....optimize import Graph
-from ....optimize.checked import check_count
+from ....optimize.validation import check_count
 from .descent import OptimizedWalk, minimize
 from .polytope import ChainPolytope
 from .sinkhorn import scale_to_stationary

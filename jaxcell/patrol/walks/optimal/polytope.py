@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from ....base.connected import check_connected
 from ....optimize import Graph, shortest_tour
-from ....optimize.checked import distribution
+from ....optimize.validation import distribution
 from .sinkhorn import scale_to_stationary
 
 

@@ -8,8 +8,8 @@ from hypothesis import given, strategies as st
 from walks import times_by_solves, walk_on
 
 from jaxcell.base.certificate import Outcome
-from jaxcell.optimize import Linear, conductance, conic
-from jaxcell.optimize.conductance import minimum_commute
+from jaxcell.optimize import Linear, commute, conic
+from jaxcell.optimize.commute import minimum_commute
 from jaxcell.optimize.graph import Graph
 from jaxcell.optimize.resistance import Emphasis, Laplacian, interior_point
 from jaxcell.optimize.tour import on_walk, shortest_tour
@@ -74,7 +74,7 @@ def test_steps_of_first_order_on_large_graphs(monkeypatch, share):
     graph, stops = graph_of(network), range(30) if share == 1.0 else [0, 14, 29]
     asked = (graph,) if share is None else (graph, stops, share)
     exact = minimum_commute(*asked)
-    monkeypatch.setattr(conductance, "MAX_VERTICES", 20)
+    monkeypatch.setattr(commute, "MAX_VERTICES", 20)
     walk = minimum_commute(*asked)
     gap = walk.certificate.residual
     assert walk.weights.min() >= 0
@@ -101,7 +101,7 @@ def seconds_there_and_back(graph, weights, durations):
 @pytest.mark.parametrize("limit", [2_000, 5])
 def test_edges_that_take_time(monkeypatch, limit):
     """Against the definition, and other weights; by the interior point and by first order."""
-    monkeypatch.setattr(conductance, "MAX_VERTICES", limit)
+    monkeypatch.setattr(commute, "MAX_VERTICES", limit)
     random = np.random.default_rng(1)
     graph = grid(3, 4)
     durations = random.uniform(0.5, 20, len(graph.edges))

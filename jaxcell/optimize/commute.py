@@ -8,12 +8,12 @@ from jaxtyping import Bool, Float, Int
 from ..base.certificate import Certificate
 from ..base.connected import check_connected, vertices_apart
 from ..base.limits import MAX_VERTICES
-from .checked import one_each
 from .constraints import Linear, Room, room
 from .graph import Graph
 from .multiplicative import least_resistance
 from .resistance import Emphasis, Laplacian, interior_point
 from .tour import on_walk, shortest_tour
+from .validation import one_each
 
 
 # Least tolerance of the gap of the first-order method, on large graphs.

@@ -1,4 +1,5 @@
 import dataclasses
+import functools
 import itertools
 from typing import Any, TypeAlias
 
@@ -13,7 +14,7 @@ from ....base.precision import require_x64
 from ....base.process import one_blas_thread
 from ....mapping import Chain
 from ....optimize import Graph
-from ....optimize.checked import check_count
+from ....optimize.validation import check_count
 from ...team.division import part_of_graph, walk_in_part
 from ..arrival import (
     captured_by_any,
@@ -145,53 +146,155 @@ def maximin_capture(
     for name, count in (("robots", robots), ("starts", starts), ("memory", memory)):
         check_count(name, count)
     delays, attack = whole_numbers(graph, attack_time, travel_times)
-    whole = _with_memory(graph, memory, stay)
-    polytope = ChainPolytope.on(whole, stay=stay)
+    problem = _Problem.of(graph, delays, attack, robots, memory, stay)
     if robots > 1 and out_of_reach(delays, attack, stay=stay) is not None:
         options = {"starts": starts, "seed": seed, "tolerance": tolerance, "throw": throw}
         options |= {"stay": stay, "memory": memory}
         region = parts_within_reach(graph, delays, attack, robots, stay=stay)
         return _in_parts(graph, region, attack, travel_times, known, options)
     check_reach(delays, attack, stay=stay)
-    delays = np.tile(delays, (memory, memory))
-    arguments = on_device(delays, attack)
     copies = None if known is None else _copied(known, memory, graph.vertices, seed)
-    if travel_times is None and not stay and np.ptp(attack) == 0:
-        frames = _frames(delays, memory)
-        # On small graphs a step is quick, and more starts improve the result more than more steps.
-        quick = _QUICK * len(frames) / whole.vertices**2
-        least = 1 if len(frames) == 1 else _SYMMETRIC
-        count = max(min(least, starts), int(starts * min(_MORE, quick) / robots))
-        # If there is time for a single start, a random one leads further than the tour.
-        begin = polytope.starts(max(count, min(starts, 2)), robots, seed)[-count:]
-        begins = polytope.matrix(begin)
-        matrices, steps, late = _ascend(
-            SymmetricSteps.of(whole, frames) if len(frames) > 1 else Steps.of(whole),
-            attack,
-            begins if copies is None else np.concatenate([begins, copies[None]]),
-        )
-    else:
-        begin = polytope.starts(starts, robots, seed)
-        moves, steps, late = _descend(polytope, begin, copies, arguments)
-        matrices = polytope.matrix(moves)
-    if graph.vertices * memory**2 > POLISHED:
-        certificate = Certificate(steps, late, _LITTLE)
-    else:
-        if whole.vertices > EXACT:
-            tolerance = max(tolerance, _LITTLE)
-        moves, _, residual, programs = maximize_least_capture(
-            lambda moves: Captures(polytope, moves, attack, delays),
-            polytope,
-            matrices[:, polytope.tails, polytope.heads],
-            tolerance,
-        )
-        matrices = polytope.matrix(moves)
-        certificate = Certificate(steps + programs, residual, tolerance)
+    alike = travel_times is None and not stay and np.ptp(attack) == 0
+    search = problem.ascend if alike else problem.descend
+    matrices, certificate = problem.polished(*search(starts, seed, copies), tolerance)
     certificate.check("maximin_capture", throw)
-    matrices, value = _without_rare_moves(matrices, arguments)
-    if copies is not None and (before := _value(copies, arguments)) > value:
+    matrices, value = problem.without_rare_moves(matrices)
+    if copies is not None and (before := problem.value(copies)) > value:
         matrices, value = copies, before
     return MaximinCapture(matrices, value, certificate)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Problem:
+    """The search for the chains of robots that must all be able to cross the graph in time."""
+
+    states: Graph
+    "The graph of all pairs of a memory state and a vertex."
+    polytope: ChainPolytope
+    delays: Int[np.ndarray, "states states"]
+    attack: Int[np.ndarray, "targets"]
+    robots: int
+    memory: int
+
+    @classmethod
+    def of(
+        cls,
+        graph: Graph,
+        delays: Int[np.ndarray, "vertices vertices"],
+        attack: Int[np.ndarray, "vertices"],
+        robots: int,
+        memory: int,
+        stay: bool,
+    ) -> "_Problem":
+        states = _with_memory(graph, memory, stay)
+        polytope = ChainPolytope.on(states, stay=stay)
+        return cls(states, polytope, np.tile(delays, (memory, memory)), attack, robots, memory)
+
+    @functools.cached_property
+    def arguments(self) -> tuple[Any, ...]:
+        """All arguments of `first_passage` except the transition matrix."""
+        return on_device(self.delays, self.attack)
+
+    def value(self, matrices: _Matrices) -> float:
+        """Compute the least probability of capture by a team."""
+        each = np.stack([first_passage(matrix, *self.arguments) for matrix in matrices])
+        return float(captured_by_any(each).min())
+
+    @one_blas_thread()
+    def ascend(
+        self, starts: int, seed: int, copies: _Matrices | None
+    ) -> tuple[_Matrices, int, float]:
+        """Follow the gradient with respect to the logits of steps from each start.
+
+        One more start are the known walks `copies`.
+
+        **Returns:** the best matrices, the number of steps, and the result of `late_gain`.
+        """
+        frames = _frames(self.delays, self.memory)
+        # On small graphs a step is quick, and more starts improve the result more than more steps.
+        quick = _QUICK * len(frames) / self.states.vertices**2
+        least = 1 if len(frames) == 1 else _SYMMETRIC
+        count = max(min(least, starts), int(starts * min(_MORE, quick) / self.robots))
+        # If there is time for a single start, a random one leads further than the tour.
+        drawn = self.polytope.starts(max(count, min(starts, 2)), self.robots, seed)[-count:]
+        walks = [*self.polytope.matrix(drawn), *([] if copies is None else [copies])]
+        steps: Steps | SymmetricSteps = Steps.of(self.states)
+        if len(frames) > 1:
+            steps = SymmetricSteps.of(self.states, frames)
+        begins = [steps.logits(walk) for walk in walks]
+        cells = begins[0].shape[-1]
+        away = (1 - states_at(cells, self.attack.size)).astype(np.float32)
+        annealed = _ANNEALED if self.memory == 1 else (_WITH_MEMORY, _ANNEALED[1])
+        ascent = Ascent(steps, away, int(self.attack[0]), _FLOOR, annealed)
+        count = STEPS // (1 + (cells > _LARGE))
+        climbs = [ascent.climb(begin, count) for begin in begins]
+        values = np.array([value for _, value, _ in climbs])
+        # Values that differ by rounding count as equal; the first of these starts is taken.
+        first = int(np.argmax(values >= values.max() - _EQUAL * abs(values.max())))
+        best, _, course = climbs[first]
+        chances = np.asarray(steps.chances(np.asarray(best, np.float64), _FLOOR))
+        return steps.matrices(chances), count * len(begins), late_gain(course)
+
+    def descend(
+        self, starts: int, seed: int, copies: _Matrices | None
+    ) -> tuple[_Matrices, int, float]:
+        """Follow the gradient of a soft minimum of capture from each start, then harden it.
+
+        Harder minima have a higher inverse temperature. The descents for them begin at the best
+        result, and at the known walks `copies`.
+
+        **Returns:** the best matrices, the number of steps, and the relative gain in the descent
+        for the hardest minimum.
+        """
+        polytope = self.polytope
+        begin = polytope.starts(starts, self.robots, seed)
+        every, values, steps = descend(_missed, polytope, begin, (*self.arguments, _HARDNESS))
+        best = [every[np.nanargmin(values)]]
+        if copies is not None:
+            weights = copies[:, polytope.tails, polytope.heads] + _MOVED
+            best.append(np.stack([polytope.inside(robot) for robot in weights]))
+        before = moves = np.stack(best)
+        for hardness in _HARDER:
+            before, harder = moves, (*self.arguments, hardness)
+            moves, _, more = descend(_missed, polytope, moves, harder, _HARDER_STEPS)
+            steps += more
+        found = polytope.matrix(moves)
+        values = np.array([self.value(each) for each in found])
+        first = int(values.argmax())
+        earlier = self.value(polytope.matrix(before[first]))
+        return found[first], steps, max(0.0, float(1 - earlier / values[first]))
+
+    def polished(
+        self, matrices: _Matrices, steps: int, late: float, tolerance: float
+    ) -> tuple[_Matrices, Certificate]:
+        """Improve the result of a search with linear programs, unless there are too many states."""
+        if self.states.vertices * self.memory > POLISHED:
+            return matrices, Certificate(steps, late, _LITTLE)
+        if self.states.vertices > EXACT:
+            tolerance = max(tolerance, _LITTLE)
+        moves, _, residual, programs = maximize_least_capture(
+            lambda moves: Captures(self.polytope, moves, self.attack, self.delays),
+            self.polytope,
+            matrices[:, self.polytope.tails, self.polytope.heads],
+            tolerance,
+        )
+        return self.polytope.matrix(moves), Certificate(steps + programs, residual, tolerance)
+
+    def without_rare_moves(self, matrices: _Matrices) -> tuple[_Matrices, float]:
+        """Remove negligible moves from the chains of a team, unless this reduces capture.
+
+        In the search no step has probability 0, so a robot visits even vertices that it leaves to
+        others, once in 10^6 moves. The times of such rare visits are not accurate in 64 bits.
+        """
+        value = self.value(matrices)
+        if len(matrices) == 1:
+            return matrices, value
+        kept = np.where(matrices < _RARE, 0.0, matrices)
+        kept /= kept.sum(axis=2, keepdims=True)
+        without = self.value(kept)
+        if without >= (1 - 10 * _RARE) * value:
+            return kept, without
+        return matrices, value
 
 
 def _in_parts(
@@ -247,39 +350,6 @@ def _copied(
     return wide.reshape(robots, memory * vertices, memory * vertices)
 
 
-def _descend(
-    polytope: ChainPolytope,
-    starts: Float[np.ndarray, "starts robots moves"],
-    copies: _Matrices | None,
-    arguments: tuple[Any, ...],
-) -> tuple[Float[np.ndarray, "robots moves"], int, float]:
-    """Follow the gradient of a soft minimum of capture from each start, then harden the minimum.
-
-    Harder minima have a higher inverse temperature. The descents for them begin at the best result,
-    and at the known walks `copies`.
-
-    **Returns:** the best moves, the number of steps, and the relative gain in the descent for the
-    hardest minimum.
-    """
-
-    def value(moves: Float[np.ndarray, "robots moves"]) -> float:
-        return _value(polytope.matrix(moves), arguments)
-
-    every, values, steps = descend(_missed, polytope, starts, (*arguments, _HARDNESS))
-    best = [every[np.nanargmin(values)]]
-    if copies is not None:
-        weights = copies[:, polytope.tails, polytope.heads] + _MOVED
-        best.append(np.stack([polytope.inside(robot) for robot in weights]))
-    before = moves = np.stack(best)
-    for hardness in _HARDER:
-        before, harder = moves, (*arguments, hardness)
-        moves, _, more = descend(_missed, polytope, moves, harder, _HARDER_STEPS)
-        steps += more
-    values = np.array([value(each) for each in moves])
-    first = int(values.argmax())
-    return moves[first], steps, max(0.0, float(1 - value(before[first]) / values[first]))
-
-
 def _with_memory(graph: Graph, memory: int, stay: bool) -> Graph:
     """Build the graph of all pairs of a memory state and a vertex; the vertex varies fastest.
 
@@ -306,31 +376,6 @@ def _frames(
     return frames if len(frames) <= MOST_SYMMETRIES and memory % len(frames) == 0 else identity
 
 
-@one_blas_thread()
-def _ascend(
-    steps: Steps | SymmetricSteps,
-    attack: Int[np.ndarray, "targets"],
-    starts: Float[np.ndarray, "starts robots states states"],
-) -> tuple[_Matrices, int, float]:
-    """Follow the gradient with respect to the logits of steps from each start.
-
-    **Returns:** the best matrices, the number of steps, and the result of `late_gain`.
-    """
-    begins = [steps.logits(start) for start in starts]
-    cells = begins[0].shape[-1]
-    away = (1 - states_at(cells, attack.size)).astype(np.float32)
-    annealed = _ANNEALED if starts.shape[-1] == attack.size else (_WITH_MEMORY, _ANNEALED[1])
-    ascent = Ascent(steps, away, int(attack[0]), _FLOOR, annealed)
-    count = STEPS // (1 + (cells > _LARGE))
-    climbs = [ascent.climb(begin, count) for begin in begins]
-    values = np.array([value for _, value, _ in climbs])
-    # Values that differ by rounding count as equal; the first of these starts is taken.
-    first = int(np.argmax(values >= values.max() - _EQUAL * abs(values.max())))
-    best, _, course = climbs[first]
-    drawn = np.asarray(steps.chances(np.asarray(best, np.float64), _FLOOR))
-    return steps.matrices(drawn), count * len(starts), late_gain(course)
-
-
 def _missed(
     matrices: Float[Array, "robots states states"],
     seen: Float[Array, "states targets"],
@@ -351,25 +396,3 @@ def _missed(
         misses = jnp.sum(jnp.log1p(-jnp.exp(worst)), axis=0)
         worst = jnp.log(-jnp.expm1(misses))[None]
     return jax.nn.logsumexp(-hardness * worst) / hardness
-
-
-def _value(matrices: _Matrices, arguments: tuple[Any, ...]) -> float:
-    each = np.stack([first_passage(matrix, *arguments) for matrix in matrices])
-    return float(captured_by_any(each).min())
-
-
-def _without_rare_moves(matrices: _Matrices, arguments: tuple[Any, ...]) -> tuple[_Matrices, float]:
-    """Remove negligible moves from the chains of a team, unless this reduces capture.
-
-    In the search no step has probability 0, so a robot visits even vertices that it leaves to
-    others, once in 10^6 moves. The times of such rare visits are not accurate in 64 bits.
-    """
-    value = _value(matrices, arguments)
-    if len(matrices) == 1:
-        return matrices, value
-    kept = np.where(matrices < _RARE, 0.0, matrices)
-    kept /= kept.sum(axis=2, keepdims=True)
-    without = _value(kept, arguments)
-    if without >= (1 - 10 * _RARE) * value:
-        return kept, without
-    return matrices, value

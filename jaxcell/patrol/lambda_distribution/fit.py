@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from ...base.certificate import Certificate
 from ...base.quantities import Result, from_part, quantity
-from ...optimize.checked import finite
+from ...optimize.validation import finite
 from .distribution import Gld
 from .likelihood import Likelihood, law_through
 
