@@ -25,19 +25,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, Float32, Int, UInt8
 
 from ..base.optional_modules import import_module
 from .frames import Frame
 
 
-# The edges of the cross in units of half the width of an arm, facing right, down, left and up in
-# turn; the first four are the ends of the arms. An edge lies at `_AT` along the axis that it faces
-# (`_FACING`, 0 for x and 1 for y), and extends from `_FROM` to `_TO` along the other axis.
-_FACING = np.array([0, 1, 0, 1] * 3)
-_AT = np.array([3.0, 3, -3, -3] + [1.0, 1, -1, -1] * 2)
-_FROM = np.array([-1.0] * 4 + [1.0] * 4 + [-3.0] * 4)
-_TO = np.array([1.0] * 4 + [3.0] * 4 + [-1.0] * 4)
 # The variance of x over the cross, which equals that of y.
 _VARIANCE = 29 / 15
 
@@ -45,22 +38,20 @@ _VARIANCE = 29 / 15
 _WINDOW = 31
 # A frame is halved as long as its shorter side stays above this number of pixels.
 _SMALLEST = 96
-# Outlines with fewer pixels are skipped, and at most this number of their points is fitted.
-_SHORTEST, _MAX_POINTS = 48, 400
+# Outlines with fewer pixels are skipped.
+_SHORTEST = 48
 # The bounds of two affine invariants: the area divided by the root of the determinant of the second
 # moments (10.3 for the cross), and the area divided by the area of the convex hull (0.71).
 _COMPACT = (8.5, 11.5)
 _SOLID = (0.58, 0.85)
-# The largest distance from the edges of the points that each round of the fit uses, in units.
-_ROUNDS = (0.9, 0.7, 0.5, 0.4)
-# The least share of the outline that must be near an edge after the fit.
-_LEAST_FITTING = 0.9
-# A point is near an edge within either distance, in units and in pixels.
-_NEAR, _NEAR_PIXELS = 0.25, 0.75
-# The least correlation with the marker, over a square patch that shows the inner 9 by 9 units.
-_LEAST_SCORE = 0.8
-# The side of the patch in pixels.
-_PATCH = 32
+# The least correlation with the marker; that of a star with four points is up to 0.962.
+_LEAST_SCORE = 0.968
+# The pixels per unit of a patch of a frame, and the sides in pixels of the patch, which shows the
+# sheet, and of the marker in it, without the border of the sheet.
+_PIXELS, _PATCH, _INNER = 4, 40, 36
+# The most steps of an alignment, the change of the correlation that ends it, and the width in
+# pixels of the filter that smooths both pictures.
+_STEPS, _CHANGE, _SMOOTHED = 30, 1e-4, 5
 
 _SECOND_DIFFERENCES = np.array([(1, -2, 1), (-2, 4, -2), (1, -2, 1)], np.float32)
 
@@ -85,8 +76,8 @@ def find_cross(frame: Frame) -> Marker | None:
 
     The frame is searched at its full resolution, at half of it, and so on, for shapes that are
     darker than their surroundings. An affine map fits the moments of each shape to the moments of
-    the cross, and then a homography fits its outline. If the fit is close, and a camera could see a
-    sheet in this perspective, the homography rectifies the frame for a correlation with the marker.
+    the cross, and then a homography maximizes the correlation with the marker. The shape is a
+    marker if this correlation is high, and a camera could see a sheet in this perspective.
 
     **Arguments:** a frame; 640 by 480 pixels are enough, and the time is proportional to the number
     of pixels. **Returns:** the marker, or `None`.
@@ -107,8 +98,7 @@ def find_cross(frame: Frame) -> Marker | None:
     level = _grey(frame)
     best: Marker | None = None
     for doublings in itertools.count():
-        for homography in _crosses(level):
-            score = _correlation(level, homography)
+        for homography, score in _crosses(level):
             if score >= (best.score if best else _LEAST_SCORE):
                 best = _marker(homography, 2**doublings, score)
         if min(level.shape) < 2 * _SMALLEST:
@@ -154,8 +144,10 @@ class CrossLook:
         )
 
 
-def _crosses(level: UInt8[np.ndarray, "height width"]) -> Iterator[Float[np.ndarray, "3 3"]]:
-    """Yield the homography from a grey frame to the cross, for each shape that may be a marker."""
+def _crosses(
+    level: UInt8[np.ndarray, "height width"],
+) -> Iterator[tuple[Float[np.ndarray, "3 3"], float]]:
+    """Yield the homography from a grey frame to the cross, and its score, for possible markers."""
     cv2 = import_module("cv2")
     height, width = level.shape
     # The median of second differences estimates the noise (Immerkaer 1996). The smoothing leaves
@@ -174,13 +166,9 @@ def _crosses(level: UInt8[np.ndarray, "height width"]) -> Iterator[Float[np.ndar
         left, top, across, down = cv2.boundingRect(outline)
         whole = left > 1 and top > 1 and left + across < width - 1 and top + down < height - 1
         affine = _normalizing(outline) if whole else None
-        if affine is None:
-            continue
-        points = outline[:: 1 + len(outline) // _MAX_POINTS, 0].astype(np.float64)
-        unit = 1 / math.sqrt(np.linalg.det(affine))
-        homography = _fit(_through(affine, points), unit, width)
-        if homography is not None:
-            yield homography @ affine
+        aligned = None if affine is None else _aligned(level, affine)
+        if aligned is not None:
+            yield aligned
 
 
 def _normalizing(outline: Int[np.ndarray, "points 1 2"]) -> Float[np.ndarray, "3 3"] | None:
@@ -205,100 +193,57 @@ def _normalizing(outline: Int[np.ndarray, "points 1 2"]) -> Float[np.ndarray, "3
     centre = np.array([moments["m10"], moments["m01"]]) / area
     affine[:2, 2] = -affine[:2, :2] @ centre
     # The rest is a rotation; the fourth moment of the outline determines it up to quarter turns.
-    x, y = _through(affine, outline[:, 0].astype(np.float64)).T
+    x, y = affine[:2, :2] @ outline[:, 0].T + affine[:2, 2:]
     angle = np.angle(np.sum((x + 1j * y) ** 4)) / 4
     cos, sin = math.cos(angle), math.sin(angle)
     return np.array([(cos, sin, 0), (-sin, cos, 0), (0, 0, 1)]) @ affine
 
 
-def _fit(
-    points: Float[np.ndarray, "points 2"], unit: float, width: int
-) -> Float[np.ndarray, "3 3"] | None:
-    """Fit the homography from an outline to the outline of the cross; `None` if it does not fit.
+def _aligned(
+    level: UInt8[np.ndarray, "height width"], affine: Float[np.ndarray, "3 3"]
+) -> tuple[Float[np.ndarray, "3 3"], float] | None:
+    """Align a shape with the marker by the enhanced correlation coefficient (Evangelidis 2008).
 
-    Each iteration assigns the points to their nearest edges. The points are normalized, so that the
-    homography is near the identity. A normalized distance of 1 is `unit` pixels in the frame, which
-    is `width` pixels wide.
+    `affine` is the result of [`_normalizing`][]. **Returns:** the homography from the frame to the
+    cross, and the correlation; `None` if no camera could see a sheet so.
     """
-    homography, inset = np.eye(3), 0.0
-    for reach in (*_ROUNDS, 0.0):
-        seen = _through(homography, points)
-        across = seen[:, _FACING] - (_AT - inset * np.sign(_AT))
-        along = seen[:, 1 - _FACING]
-        beyond = np.maximum(np.maximum(_FROM - along, along - _TO), 0)
-        distances = np.hypot(across, beyond)
-        edge, distance = distances.argmin(axis=1), distances.min(axis=1)
-        used = distance < reach
-        if reach:
-            # Most outlines are refused here.
-            if used.mean() < _LEAST_FITTING:
-                return None
-            homography, inset = _onto_edges(points[used], edge[used])
-            if (points @ homography[2, :2] < 0.2 - 1).any():
-                return None
-    fitting = distance < max(_NEAR, _NEAR_PIXELS / unit)
-    per_edge = np.bincount(edge[fitting], minlength=len(_AT)) / (len(points) / len(_AT))
-    # One edge of the twelve may be hidden.
-    if fitting.mean() < _LEAST_FITTING or (per_edge > 0.4).sum() < len(_AT) - 1:
+    cv2 = import_module("cv2")
+    onto, size = _onto_pixels(_PATCH), (_PATCH, _PATCH)
+    seen = cv2.warpPerspective(level, onto @ affine, size, borderMode=cv2.BORDER_REPLICATE)
+    # Light that grows across the sheet is removed.
+    y, x = np.indices(size).reshape(2, -1)
+    light = np.column_stack([np.ones(x.size), x, y])
+    patch = seen.ravel() - light @ np.linalg.lstsq(light, seen.ravel(), rcond=None)[0]
+    begin = (onto @ np.linalg.inv(_onto_pixels(_INNER))).astype(np.float32)
+    ends = cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, _STEPS, _CHANGE
+    patch = patch.reshape(size).astype(np.float32)
+    try:
+        score, found = cv2.findTransformECC(
+            _perfect(), patch, begin, cv2.MOTION_HOMOGRAPHY, ends, None, _SMOOTHED
+        )
+    except cv2.error:
+        # No homography makes this shape more like the marker.
         return None
-    # The threshold moves an outline by less than a pixel; a larger inset means other proportions.
-    if not -0.6 < inset / (1 / unit + 0.05) < 0.8:
-        return None
+    turned = np.linalg.inv(_onto_pixels(_INNER)) @ np.linalg.inv(found) @ onto
+    turned /= turned[2, 2]
     # The foreshortening is limited by the distance of the sheet if the view is at most 90 degrees.
-    slope = math.hypot(homography[2, 0], homography[2, 1])
-    return homography if slope < 0.02 + 1.7 * unit / width else None
-
-
-def _onto_edges(
-    points: Float[np.ndarray, "points 2"], edge: Int[np.ndarray, "points"]
-) -> tuple[Float[np.ndarray, "3 3"], float]:
-    """Fit the homography that maps each point to the line of its edge, by linear least squares.
-
-    `edge` numbers the edge of each point. The second result is the normalized distance by which all
-    edges are shifted inward, because outlines lie inside their shapes and depend on the threshold.
-    """
-    at, sideways = _AT[edge], _FACING[edge] == 0
-    extended = np.column_stack([points, np.ones(len(points))])
-    rows = np.zeros((len(points), 9))
-    rows[sideways, 0:3] = extended[sideways]
-    rows[~sideways, 3:6] = extended[~sideways]
-    rows[:, 6:8] = -at[:, None] * points
-    rows[:, 8] = np.sign(at)
-    solution = np.linalg.lstsq(rows, at, rcond=None)[0]
-    return np.append(solution[:8], 1.0).reshape(3, 3), float(solution[8])
-
-
-def _through(
-    homography: Float[np.ndarray, "3 3"], points: Float[np.ndarray, "points 2"]
-) -> Float[np.ndarray, "points 2"]:
-    ends = points @ homography[:2, :2].T + homography[:2, 2]
-    return ends / (points @ homography[2, :2] + homography[2, 2])[:, None]
+    unit = 1 / math.sqrt(np.linalg.det(affine))
+    if math.hypot(*turned[2, :2]) > 0.02 + 1.7 * unit / level.shape[1]:
+        return None
+    return turned @ affine, min(float(score), 1.0)
 
 
 @functools.cache
-def _perfect() -> tuple[Float[np.ndarray, "pixels"], Float[np.ndarray, "pixels 3"]]:
-    """Return the pixels of a perfect marker, and an orthonormal basis of patches linear in x, y."""
-    fine = draw_cross(320)[16:-16, 16:-16].astype(np.float64)
-    marker = fine.reshape(_PATCH, 9, _PATCH, 9).mean(axis=(1, 3)).ravel()
-    y, x = np.indices((_PATCH, _PATCH)).reshape(2, -1)
-    light = np.linalg.qr(np.column_stack([np.ones(len(x)), x, y]))[0]
-    marker -= light @ (light.T @ marker)
-    return marker / np.linalg.norm(marker), light
-
-
-def _correlation(
-    level: UInt8[np.ndarray, "height width"], homography: Float[np.ndarray, "3 3"]
-) -> float:
+def _perfect() -> Float32[np.ndarray, "36 36"]:
     cv2 = import_module("cv2")
-    size, middle = _PATCH / 9, (_PATCH - 1) / 2
-    to_patch = np.array([(size, 0, middle), (0, size, middle), (0, 0, 1)]) @ homography
-    border = cv2.BORDER_REPLICATE
-    patch = cv2.warpPerspective(level, to_patch, (_PATCH, _PATCH), borderMode=border)
-    marker, light = _perfect()
-    seen = patch.ravel().astype(np.float64)
-    seen -= light @ (light.T @ seen)
-    length = np.linalg.norm(seen)
-    return float(marker @ seen / length) if length > 0 else 0.0
+    marker = draw_cross(320)[16:-16, 16:-16].astype(np.float32)
+    return np.asarray(cv2.resize(marker, (_INNER, _INNER), interpolation=cv2.INTER_AREA))
+
+
+def _onto_pixels(size: int) -> Float[np.ndarray, "3 3"]:
+    """Return the map from units around the centre of the cross to a patch of `size` pixels."""
+    middle = (size - 1) / 2
+    return np.array([(_PIXELS, 0, middle), (0, _PIXELS, middle), (0, 0, 1)], float)
 
 
 def _marker(homography: Float[np.ndarray, "3 3"], scale: int, score: float) -> Marker:

@@ -21,12 +21,11 @@ from ..canvas.palette import (
     FREE,
     PLAIN,
     ROBOT,
-    ROBOTS,
     Color,
     Level,
     ramp,
     robot_color,
-    robots_alike,
+    robots_by_color,
     share_colors,
 )
 from ..canvas.plot import Plot, ticks
@@ -44,13 +43,7 @@ _MAX_CHANCES = 60
 
 
 def log_patrol_graph(stream: rr.RecordingStream, patrol: GraphPatrol, spec: Spec) -> None:
-    """Record the random walk of a patroller on a graph.
-
-    The timeline `step` shows walking patrollers, which start from the stationary distribution, and
-    the time since the last visit to each vertex. Static views show the share of steps along each
-    edge, the times between visits, the ages of news that reach a base, the steps between charges,
-    the probabilities of the next step from each vertex, a heat map of the hitting times, and the
-    payoffs and the mixture of a game.
+    """Record the random walk of a patroller on a graph, over the timeline `step`.
 
     Vertices without positions are placed as if each edge were a spring.
     """
@@ -138,10 +131,7 @@ def _log_walk(drawing: _Drawing, spec: Spec) -> rrb.Container:
     if robots == 1:
         legend.append(("the patroller", ROBOT))
     else:
-        legend += [
-            (f"patroller {robots_alike(i, robots).removeprefix('robot ')}", color)
-            for i, (_, color) in enumerate(ROBOTS[:robots])
-        ]
+        legend += [(f"patroller {alike}", color) for alike, _, color in robots_by_color(robots)]
     views = rrb.Vertical(
         rrb.Horizontal(
             drawing.view("The walk", "shares", "vertices", "names", "patrollers/**"),
