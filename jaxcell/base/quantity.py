@@ -39,7 +39,7 @@ class Quantity:
     listed: bool
     """If true, the summary includes the array: with one dimension as a list, and with two as a
     column in the table of the first. Each entry of this column is a list, without its
-    [`PADDING`][jaxcell.base.quantity.PADDING]."""
+    [`PADDING`][jaxcell.base.quantities.PADDING]."""
     attributes: Mapping[str, Any]
     "Further attributes of the variable in datasets."
 

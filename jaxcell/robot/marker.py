@@ -224,6 +224,8 @@ def _aligned(
     except cv2.error:
         # No homography makes this shape more like the marker.
         return None
+    if np.linalg.det(found) <= 0:
+        return None
     turned = np.linalg.inv(_onto_pixels(_INNER)) @ np.linalg.inv(found) @ onto
     turned /= turned[2, 2]
     # The foreshortening is limited by the distance of the sheet if the view is at most 90 degrees.
