@@ -72,7 +72,8 @@ def test_the_marker_is_found_in_pictures(patrol_file, tmp_path, capsys):
     cv2 = pytest.importorskip("cv2")
     blank = np.full((240, 320), 160, np.uint8)
     marked = blank.copy()
-    cross = draw_cross(100)
+    # The middle of an odd sheet is that of a pixel.
+    cross = draw_cross(101)
     marked[60 : 60 + len(cross), 90 : 90 + len(cross)] = cross
     for i, picture in enumerate([blank, blank, marked]):
         assert cv2.imwrite(str(tmp_path / f"{i}.png"), picture)
