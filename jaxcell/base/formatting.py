@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from .quantities import PADDING, Quantity
+from .quantity import PADDING, Quantity
 
 
 _MAX_TEXT = 60

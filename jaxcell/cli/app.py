@@ -11,7 +11,6 @@ from typing import Any
 
 from ..base.bundled import with_path
 from ..base.memory import LIMIT, check_addresses, read_size
-from ..study import STUDIES
 from .completion import OPTION as COMPLETION, print_completion
 from .demo import Demo
 from .docs import Docs
@@ -26,7 +25,7 @@ from .robot.check import RobotCheck
 from .robot.replay import RobotReplay
 from .robot.run import RobotRun
 from .robot.sketch import RobotSketch
-from .study_command import Run, StudyCommand, command_of
+from .study_command import STUDY_COMMANDS, Run, StudyCommand, read_study
 from .sweep.indices import SweepIndices
 from .sweep.run import Sweep, SweepMerge, SweepState
 from .sweep.view import SweepView
@@ -39,7 +38,7 @@ from .view import View
 COMMANDS: dict[str, Any] = dict(
     sorted(
         {
-            **{study.command: command_of(study) for study in STUDIES if study.command},
+            **STUDY_COMMANDS,
             "demo": Demo,
             "docs": Docs,
             "export": Export,
@@ -153,25 +152,20 @@ def _limited(args: Sequence[str]) -> list[str]:
 def read(args: Sequence[str]) -> tuple[str, Any]:
     """Parse the words of a command line, and return the name of the command and its options."""
     words = list(args)
-    if words[:1] == ["run"] and len(words) > 1 and not words[1].startswith("-"):
-        from ..study.loading import load_study
-
-        check_addresses("JAX")
-        name = f"run {words[1]}"
-        kind, rest = command_of(load_study(words[1]), name), words[2:]
-    else:
-        if not (name := _name(words)):
-            group = {each: kind for each, kind in COMMANDS.items() if each.split()[0] in words[:1]}
-            if words[:1] == [COMPLETION]:
-                print_completion(COMMANDS, words)
-            elif not words or words[0] in ("-h", "--help"):
-                overview(COMMANDS)
-            elif group and words[1:2] in (["-h"], ["--help"]):
-                overview(group, words[0])
-            else:
-                unknown(words, COMMANDS)
-        kind, rest = COMMANDS[name], words[len(name.split()) :]
-    return name, parsed(kind, name, [with_path(word) for word in rest])
+    if (command := read_study(words)) is not None:
+        return command
+    if not (name := _name(words)):
+        group = {each: kind for each, kind in COMMANDS.items() if each.split()[0] in words[:1]}
+        if words[:1] == [COMPLETION]:
+            print_completion(COMMANDS, words)
+        elif not words or words[0] in ("-h", "--help"):
+            overview(COMMANDS)
+        elif group and words[1:2] in (["-h"], ["--help"]):
+            overview(group, words[0])
+        else:
+            unknown(words, COMMANDS)
+    rest = words[len(name.split()) :]
+    return name, parsed(COMMANDS[name], name, [with_path(word) for word in rest])
 
 
 def _name(words: Sequence[str]) -> str:

@@ -4,20 +4,22 @@ import contextlib
 import dataclasses
 import json
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
 import tyro
 
-from ..base.memory import gigabytes
+from ..base.bundled import with_path
+from ..base.memory import check_addresses, gigabytes
 from ..base.optional_modules import has_module, missing_module
 from ..base.paths import name_in_results
 from ..base.process import raise_lost_signal
 from ..base.quantities import Result
 from ..base.results import Manifest, current_run, result_folder
-from ..study import Study
+from ..study import STUDIES, Study
 from ..study.study import Say, silent
-from .help import as_options
+from .help import as_options, parsed
 from .output import Printing, option_words, write_text
 from .startup import starting
 from .terminal import (
@@ -156,6 +158,29 @@ def command_of(study: type[Study], words: str = "") -> Any:
     return dataclasses.make_dataclass(
         study.__name__, [], bases=(StudyCommand, study), namespace=own, frozen=True, kw_only=True
     )
+
+
+STUDY_COMMANDS = {study.command: command_of(study) for study in STUDIES if study.command}
+"""The class of the command of each study, by the words after `jaxcell`."""
+
+
+def read_study(words: Sequence[str]) -> tuple[str, Any] | None:
+    """Parse the words of a command that runs a study.
+
+    Returns the name of the command and its options, or `None` for another command.
+    """
+    two, first = " ".join(words[:2]), " ".join(words[:1])
+    if first == "run" and len(words) > 1 and not words[1].startswith("-"):
+        from ..study.loading import load_study
+
+        check_addresses("JAX")
+        name, kind, rest = two, command_of(load_study(words[1]), two), words[2:]
+    else:
+        name = two if two in STUDY_COMMANDS else first
+        if name not in STUDY_COMMANDS:
+            return None
+        kind, rest = STUDY_COMMANDS[name], words[len(name.split()) :]
+    return name, parsed(kind, name, [with_path(word) for word in rest])
 
 
 def _verified(question: Study, result: Result) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from ..base.results import MANIFEST, Manifest, interrupted, repeating, result_fo
 from ..sweep.storage.journal import JOURNAL
 from .output import Printing
 from .startup import prepare_tasks
-from .study_command import StudyCommand
+from .study_command import read_study
 from .terminal import note, own_command, say, status, stdout_on_stderr, table
 
 
@@ -160,10 +160,9 @@ def _compute_again(folder: Path, manifest: Manifest) -> None:
 
 
 def _compute_here(folder: Path, manifest: Manifest) -> None:
-    from .app import read
-
-    _, command = read([*manifest.words, "--out", str(folder), "--json"])
-    assert isinstance(command, StudyCommand)
+    read = read_study([*manifest.words, "--out", str(folder), "--json"])
+    assert read is not None
+    _, command = read
     again = shlex.join(["jaxcell", *manifest.words])
     inputs = command.question.digests()
     changed = [name for name, old in manifest.inputs.items() if inputs.get(name) != old]

@@ -101,7 +101,7 @@ def _served(
     ports = ["--web-viewer-port", str(page), "--port", str(data)]
     served = f"rerun+http://{_HERE}:{data}/proxy"
     address = f"http://{_HERE}:{page}?url={urllib.parse.quote(served, safe='')}"
-    from ..record.viewer import viewer_command
+    from ..record.viewer import refusal, viewer_command
 
     command = [*viewer_command(bind, _MEMORY), *ports, "--serve-web", *recordings]
     # Hide the log of the server, because it has two addresses that would mislead a user.
@@ -112,7 +112,7 @@ def _served(
     ) as server:
         try:
             until = time.monotonic() + _MAX_WAIT
-            while server.poll() is None and not _answers(page) and time.monotonic() < until:
+            while server.poll() is None and refusal(_HERE, page) and time.monotonic() < until:
                 time.sleep(0.1)
             if server.poll() is None:
                 note(address)
@@ -135,11 +135,6 @@ def _free_port(wanted: int) -> int:
                 continue
             return int(probe.getsockname()[1])
     raise OSError(f"view: there is no free port on {_HERE}")
-
-
-def _answers(port: int) -> bool:
-    with socket.socket() as probe:
-        return probe.connect_ex((_HERE, port)) == 0
 
 
 def recordings_in(results: Path) -> list[Path]:

@@ -27,7 +27,7 @@ def viewer_sink(viewer: str) -> rr.GrpcSink:
     """
     if viewer == "here":
         url = f"rerun+http://{HERE}:{PORT}/proxy"
-        if _refusal(HERE, PORT) is not None:
+        if refusal(HERE, PORT) is not None:
             _start()
         return rr.GrpcSink(url)
     parts = urllib.parse.urlsplit(viewer)
@@ -40,8 +40,8 @@ def viewer_sink(viewer: str) -> rr.GrpcSink:
             f"viewer {viewer!r}: expected here, or the address of a viewer, such as "
             f"rerun+http://127.0.0.1:{PORT}/proxy"
         )
-    if (refusal := _refusal(parts.hostname, port)) is not None:
-        raise OSError(f"viewer {viewer}: no viewer answers there: {refusal}")
+    if (why := refusal(parts.hostname, port)) is not None:
+        raise OSError(f"viewer {viewer}: no viewer answers there: {why}")
     return rr.GrpcSink(viewer)
 
 
@@ -56,9 +56,9 @@ def _start() -> None:
     nothing = subprocess.DEVNULL
     viewer = subprocess.Popen(command, stdin=nothing, stdout=nothing, start_new_session=True)
     until = time.monotonic() + _MAX_WAIT
-    while (refusal := _refusal(HERE, PORT)) is not None:
+    while (why := refusal(HERE, PORT)) is not None:
         if viewer.poll() is not None or time.monotonic() > until:
-            raise OSError(f"viewer here: it does not start: {refusal}")
+            raise OSError(f"viewer here: it does not start: {why}")
         time.sleep(0.1)
 
 
@@ -67,7 +67,7 @@ def viewer_command(bind: str = HERE, memory: str = "1GB") -> list[str]:
     return [sys.executable, "-m", "rerun", "--memory-limit", memory, "--bind", bind]
 
 
-def _refusal(host: str, port: int) -> str | None:
+def refusal(host: str, port: int) -> str | None:
     """Return the reason why no viewer answers at an address; `None` if a viewer answers."""
     try:
         socket.create_connection((host, port), timeout=3).close()

@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -17,6 +16,8 @@ from .sets import WallSet, contains
 
 # The largest number of robots that are followed together, and of the stretches of their sets.
 _ROBOTS, _STRETCHES = 1000, 3_000_000
+# An error is smaller than its bound by this factor, so that rounding does not exceed the bound.
+_WITHIN = 1 - 1e-9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -72,11 +73,7 @@ def drive_anywhere(
     - `say`: a function that is called with the progress: the work, the robots done, and all robots.
     """
     rng = np.random.default_rng(seed)
-    place = places_anywhere(workspace, robots, rng)
-    if headings is None:
-        heading = rng.uniform(0, 2 * np.pi, robots)
-    else:
-        heading = rng.integers(headings, size=robots) * 2 * np.pi / headings
+    place, heading = _draw_starts(workspace, robots, headings, rng)
     if start is not None:
         place[0], heading[0] = start[:2], start[2]
 
@@ -85,69 +82,104 @@ def drive_anywhere(
             return goal.choose(state, robots, rng)
         return choose_angles(filter, state, robots, angles, rng, aim=aim, ahead=ahead)
 
+    driver = _Driver(filter, np.asarray(angles), goal, choose, rng)
     trials = []
     size = max(1, min(_ROBOTS, _STRETCHES // max(1, len(filter.observe(None, 0.0).wall))))
     for first in range(0, robots, size):
         say("driving robots", first, robots)
         part = slice(first, first + size)
-        trials.append(_drive(filter, angles, place[part], heading[part], bumps, goal, choose, rng))
-    arrays = [
-        np.concatenate(parts) for parts in zip(*(trial[:-1] for trial in trials), strict=True)
-    ]
-    return Trial(place, trials[0][-1], *arrays)
+        trials.append(driver.drive(place[part], heading[part], bumps))
+    sets = trials[0][1]
+    arrays = (np.concatenate(parts) for parts in zip(*(rows for rows, _ in trials), strict=True))
+    return Trial(place, sets, *arrays)
 
 
-def _drive(
-    filter: WallFilter,
-    angles: Sequence[float],
-    place: Float[np.ndarray, "robots 2"],
-    heading: Float[np.ndarray, "robots"],
-    bumps: int,
-    goal: Homing | None,
-    choose: Callable[[WallSet, int], Int[np.ndarray, "robots"]],
-    rng: np.random.Generator,
-) -> tuple[Any, ...]:
-    errors, robots = filter.errors, len(place)
+def _draw_starts(
+    workspace: Workspace, robots: int, headings: int | None, rng: np.random.Generator
+) -> tuple[Float[np.ndarray, "robots 2"], Float[np.ndarray, "robots"]]:
+    """Draw the places of robots in metres, and their headings in radians."""
+    place = places_anywhere(workspace, robots, rng)
+    if headings is None:
+        return place, rng.uniform(0, 2 * np.pi, robots)
+    return place, rng.integers(headings, size=robots) * 2 * np.pi / headings
 
-    def signs() -> Int[np.ndarray, "robots"]:
-        return rng.choice([-1, 1], robots)
 
-    heading = heading + errors.heading * signs() * (1 - 1e-9)
-    rows, sets, state = [], [], None
-    for _ in range(bumps):
-        wall, arc, run = run_to_wall(filter.boundary, place, heading)
-        place = filter.boundary.point(wall, arc)
-        measured = run * (1 + errors.run * signs()) + errors.distance * signs()
-        measured += errors.late * rng.integers(2, size=robots)
-        state = filter.observe(state, np.maximum(measured, 0.0))
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Driver:
+    """The robots of a trial: their filter, their angles, and the choice among them."""
+
+    filter: WallFilter
+    angles: Float[np.ndarray, "angles"]
+    goal: Homing | None
+    choose: Callable[[WallSet, int], Int[np.ndarray, "robots"]]
+    rng: np.random.Generator
+
+    def drive(
+        self, place: Float[np.ndarray, "robots 2"], heading: Float[np.ndarray, "robots"], bumps: int
+    ) -> tuple[list[np.ndarray], tuple[WallSet, ...]]:
+        """Drive robots from their starts; return the arrays and the sets of a [`Trial`][]."""
+        filter, robots = self.filter, len(place)
+        heading = heading + filter.errors.heading * self._signs(robots) * _WITHIN
+        rows, sets, state = [], [], None
+        for _ in range(bumps):
+            wall, arc, run = run_to_wall(filter.boundary, place, heading)
+            place = filter.boundary.point(wall, arc)
+            state = filter.observe(state, self._measure(run))
+            rows.append((place, heading, run, *self._track(state, place, heading)))
+            sets.append(state.take(state.robot == 0))
+            angle = self.angles[self.choose(state, robots)]
+            state = filter.turn(state, angle)
+            heading = self._turn(wall, heading, angle)
+            place = self._displace(place, wall)
+        return [np.stack(part, axis=1) for part in zip(*rows, strict=True)], tuple(sets)
+
+    def _signs(self, robots: int) -> Int[np.ndarray, "robots"]:
+        return self.rng.choice([-1, 1], robots)
+
+    def _measure(self, run: Float[np.ndarray, "robots"]) -> Float[np.ndarray, "robots"]:
+        """Measure the lengths of runs with the largest errors."""
+        errors, robots = self.filter.errors, len(run)
+        measured = run * (1 + errors.run * self._signs(robots))
+        measured += errors.distance * self._signs(robots)
+        measured += errors.late * self.rng.integers(2, size=robots)
+        return np.maximum(measured, 0.0)
+
+    def _track(
+        self,
+        state: WallSet,
+        place: Float[np.ndarray, "robots 2"],
+        heading: Float[np.ndarray, "robots"],
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Compute the `extent` of each set, and whether it has `held` its robot or `arrived`."""
+        filter, robots = self.filter, len(place)
         held = contains(filter.boundary, state, filter.slice_of(heading), place)
-        arrived = np.zeros(robots, bool) if goal is None else goal.arrived(state, robots)
-        rows.append((place, heading, run, filter.extent(state, robots), held, arrived))
-        sets.append(state.take(state.robot == 0))
-        angle = np.asarray(angles)[choose(state, robots)]
-        state = filter.turn(state, angle)
-        gains = bump_gains(filter.boundary, wall, heading, errors.bump_turn)
-        heading = heading + angle + np.where(signs() > 0, *gains)
-        heading += errors.turn * signs() * (1 - 1e-9)
-        place = _displaced(filter, place, wall, rng)
-    return *(np.stack(part, axis=1) for part in zip(*rows, strict=True)), tuple(sets)
+        arrived = np.zeros(robots, bool) if self.goal is None else self.goal.arrived(state, robots)
+        return filter.extent(state, robots), held, arrived
 
+    def _turn(
+        self,
+        wall: Int[np.ndarray, "robots"],
+        heading: Float[np.ndarray, "robots"],
+        angle: Float[np.ndarray, "robots"],
+    ) -> Float[np.ndarray, "robots"]:
+        """Turn robots at their walls with the largest errors."""
+        errors, robots = self.filter.errors, len(heading)
+        gains = bump_gains(self.filter.boundary, wall, heading, errors.bump_turn)
+        heading = heading + angle + np.where(self._signs(robots) > 0, *gains)
+        return heading + errors.turn * self._signs(robots) * _WITHIN
 
-def _displaced(
-    filter: WallFilter,
-    place: Float[np.ndarray, "robots 2"],
-    wall: Int[np.ndarray, "robots"],
-    rng: np.random.Generator,
-) -> Float[np.ndarray, "robots 2"]:
-    """Move each robot away from its wall by the largest displacement, unless a wall is in the way.
+    def _displace(
+        self, place: Float[np.ndarray, "robots 2"], wall: Int[np.ndarray, "robots"]
+    ) -> Float[np.ndarray, "robots 2"]:
+        """Move robots away from their walls by the largest displacement, if nothing is in the way.
 
-    The direction is random, within half a radian of the normal of the wall.
-    """
-    reach = filter.errors.displacement
-    if not reach:
-        return place
-    normal = filter.boundary.normal[wall]
-    off = rng.uniform(-0.5, 0.5, len(place)) + np.arctan2(normal[:, 1], normal[:, 0])
-    _, _, free = run_to_wall(filter.boundary, place + 1e-6 * normal, off)
-    aside = np.stack([np.cos(off), np.sin(off)], axis=1)
-    return place + np.where(free > reach, reach * (1 - 1e-9), 0.0)[:, None] * aside
+        The direction is random, within half a radian of the normal of the wall.
+        """
+        boundary, reach = self.filter.boundary, self.filter.errors.displacement
+        if not reach:
+            return place
+        normal = boundary.normal[wall]
+        off = self.rng.uniform(-0.5, 0.5, len(place)) + np.arctan2(normal[:, 1], normal[:, 0])
+        _, _, free = run_to_wall(boundary, place + 1e-6 * normal, off)
+        aside = np.stack([np.cos(off), np.sin(off)], axis=1)
+        return place + np.where(free > reach, reach * _WITHIN, 0.0)[:, None] * aside

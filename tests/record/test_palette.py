@@ -140,7 +140,9 @@ def test_colors_can_be_told_apart(colors):
 
 
 def test_robots_that_share_a_color_are_named_together():
-    assert palette.robots_alike(0, 5) == "robot 0"
+    assert palette.robots_by_color(5)[0] == ("0", *palette.ROBOTS[0])
     count = len(palette.ROBOTS)
-    assert palette.robots_alike(1, count + 2) == f"robot 1, {count + 1}"
+    alike = palette.robots_by_color(count + 2)
+    assert len(alike) == count
+    assert alike[1] == (f"1, {count + 1}", *palette.ROBOTS[1])
     assert palette.robot_color(1) == palette.robot_color(count + 1)

@@ -52,8 +52,7 @@ class RobotCheck(Printing):
         return 0 if state["danger"] is None else 1
 
     def _firmware(self) -> str:
-        from ...robot.create.firmware import firmware
-        from ...robot.create.line import open_line
+        from ...robot.create.line import firmware, open_line
 
         with (
             contextlib.closing(open_line(self.port)) as line,

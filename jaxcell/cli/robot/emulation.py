@@ -18,8 +18,7 @@ from ...study.bounce.anywhere import pose_at
 from ...study.map_study import cell_at
 from ...walls import places_anywhere
 from ..terminal import note
-from .heading import direction_at
-from .run import RobotRun
+from .options import RunOptions, direction_at
 
 
 # Tolerance for the radius of the robot of a task, compared with the emulated body.
@@ -82,7 +81,7 @@ class Emulation:
         }
 
 
-def emulate(map: Path, task: AnyTask, options: RobotRun, rng: Any) -> Emulation:
+def emulate(map: Path, task: AnyTask, options: RunOptions, rng: Any) -> Emulation:
     """Emulate a robot in a map; the start is `options.start`, or that of the task, or random."""
     workspace = dataclasses.replace(Workspace.load(map), robot_radius=task.radius)
     cells = CellSpace.of(workspace, task.cell, task.directions)
@@ -122,7 +121,7 @@ def _physical(
     start: int,
     pose: tuple[float, float, float],
     task: AnyTask,
-    options: RobotRun,
+    options: RunOptions,
     rng: Any,
 ) -> Emulation:
     from ...robot.physics import LATENCY, RADIUS, Physics, PhysicsBody

@@ -11,11 +11,11 @@ from ...space.steps import Steps
 from ...space.touching import touching_steps
 from ..terminal import note
 from .emulation import Emulation
-from .run import RobotRun
+from .options import RunOptions
 
 
 def note_evidence(
-    task: FilterTask | PolicyTask, options: RobotRun, emulation: Emulation | None
+    task: FilterTask | PolicyTask, options: RunOptions, emulation: Emulation | None
 ) -> None:
     """Print notes if the answer of a robot cannot be confirmed, or if its path touches a wall."""
     source = task.policy if isinstance(task, PolicyTask) else task.filter

@@ -12,8 +12,8 @@ from ...robot.run_log import LoggedRun, read_log
 from ...robot.tasks.files import AnyTask
 from ..output import option_words
 from ..terminal import own_command
+from .options import RunOptions
 from .outcome import replayed
-from .run import RobotRun
 
 
 Place: TypeAlias = tuple[float, float, float]
@@ -60,7 +60,7 @@ class StandingStill(Exception):  # noqa: N818 (a signal as StopIteration, no err
     """Raised if a program drives a robot that cannot move."""
 
 
-def resume_command(options: RobotRun, log: Path, start: str | None) -> str:
+def resume_command(options: RunOptions, log: Path, start: str | None) -> str:
     """Return the command that resumes a stopped run in a new folder."""
     assert options.out is not None
     resumed = dataclasses.replace(

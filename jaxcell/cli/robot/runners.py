@@ -18,8 +18,8 @@ from ...robot.team import MemberTask, run_member
 from ...robot.walker import Walker
 from ...study.map_study import cell_at
 from .emulation import Emulation, seen_from
+from .options import RunOptions
 from .outcome import confirmed_by
-from .run import RobotRun
 
 
 Runner: TypeAlias = tuple[dict[str, Any], Callable[[Walker, RunLog | None], RunOutcome]]
@@ -36,7 +36,7 @@ _KINDS = {
 
 def runner_of(
     task: AnyTask,
-    options: RobotRun,
+    options: RunOptions,
     emulation: Emulation | None,
     direction: int | None,
     before: LoggedRun | None,

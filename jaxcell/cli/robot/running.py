@@ -32,7 +32,7 @@ from ..terminal import note, note_results, say, status
 from ..view import shown_live
 from .emulation import Emulation, emulate
 from .evidence import note_evidence
-from .heading import check_heading, direction_at
+from .options import RunOptions, check_heading, direction_at
 from .outcome import LOG, RECORDING, SUMMARY, describe, replayed, show
 from .recording import cells_of, own_cells, recording_of
 from .resume import (
@@ -44,14 +44,13 @@ from .resume import (
     run_before,
     start_after,
 )
-from .run import RobotRun
 from .runners import patrol_start, runner_of
 
 
 Listener: TypeAlias = Callable[[str, Mapping[str, Any]], None]
 
 
-def run_robot(options: RobotRun) -> int:
+def run_robot(options: RunOptions) -> int:
     out = options.out
     if out is not None and (out / LOG).exists():
         raise FileExistsError(
@@ -76,7 +75,7 @@ def run_robot(options: RobotRun) -> int:
 
 @dataclasses.dataclass(frozen=True)
 class _Run:
-    options: RobotRun
+    options: RunOptions
     task: AnyTask
     emulation: Emulation | None
     direction: int | None
@@ -257,7 +256,7 @@ class _Run:
 
 
 def _direction(
-    options: RobotRun, task: AnyTask, emulation: Emulation | None, before: LoggedRun | None
+    options: RunOptions, task: AnyTask, emulation: Emulation | None, before: LoggedRun | None
 ) -> int | None:
     """Return the index of the start direction, or `None` if the robot does not know it.
 
@@ -287,7 +286,7 @@ def _direction(
     return direction
 
 
-def _check_start(options: RobotRun, known: int, true: int, directions: int) -> None:
+def _check_start(options: RunOptions, known: int, true: int, directions: int) -> None:
     """Raise if the direction that the robot knows is not the direction of the option `--start`."""
     if known != true:
         option = "--start" if options.heading is None else "--heading"

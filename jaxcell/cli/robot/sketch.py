@@ -9,6 +9,7 @@ from ... import automata
 from ...study.parameters import Degrees, Limit, Metres, Needed, Only, check
 from ..output import write_text
 from ..terminal import note, progress
+from .options import check_heading, direction_at
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -67,7 +68,6 @@ class RobotSketch:
         from ...automata.filter import CONFIRM
         from ...robot.sketch import FLASH, filter_sketch, policy_sketch
         from ...robot.tasks.files import FilterTask, PolicyTask, load_task
-        from .heading import check_heading, direction_at
 
         task = load_task(path)
         if not isinstance(task, FilterTask | PolicyTask):

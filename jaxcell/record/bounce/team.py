@@ -15,7 +15,7 @@ from ..canvas.palette import (
     PictureClass,
     mix,
     robot_color,
-    robots_alike,
+    robots_by_color,
     tint,
 )
 from ..canvas.prose import Spec, counted, described, made_with, numbers
@@ -35,7 +35,7 @@ def log_team(stream: rr.RecordingStream, team: TeamTrajectory, spec: Spec) -> No
     robots = range(team.starts.size)
     for robot in robots:
         poses = team.robot_x[:, robot], team.robot_y[:, robot], team.robot_theta[:, robot]
-        map.robot(poses, _shade(robot), f"_{robot}", times=times)
+        map.robot(poses, _darker(robot_color(robot)[1]), f"_{robot}", times=times)
     move, collided = np.nonzero(team.collided)
     # A move is shown at its end.
     marks = np.bincount(np.searchsorted(times, move + 1), minlength=times.size)
@@ -52,10 +52,10 @@ def log_team(stream: rr.RecordingStream, team: TeamTrajectory, spec: Spec) -> No
 
 def _log_visited(map: CellMap, team: TeamTrajectory) -> str:
     classes = [PictureClass("not visited", CLEAR)]
-    for robot in range(min(team.starts.size, len(ROBOTS))):
-        name, color = robot_color(robot)
-        label = f"first visited by {robots_alike(robot, team.starts.size)} ({name})"
-        classes.append(PictureClass(label, tint(color, 0.55)))
+    classes += [
+        PictureClass(f"first visited by robot {alike} ({name})", tint(color, 0.55))
+        for alike, name, color in robots_by_color(team.starts.size)
+    ]
     changes = np.unique(team.first_visit[team.first_visit >= 0])
     shown = np.linspace(0, len(changes) - 1, min(len(changes), MAX_PICTURES)).round().astype(int)
     changes = changes[shown]
@@ -81,19 +81,18 @@ def _log_curves(
 
 def _legend(team: TeamTrajectory) -> list[tuple[str, Color]]:
     """Return the legend. Each colour is listed once, even if several robots share it."""
-    count = team.starts.size
-    robots = [(robots_alike(i, count), _shade(i)) for i in range(min(count, len(ROBOTS)))]
+    colors = robots_by_color(team.starts.size)
     return [
-        *robots,
+        *((f"robot {alike}", _darker(color)) for alike, _, color in colors),
         ("pale: first visited by the robot of that colour", tint(robot_color(0)[1], 0.55)),
         ("not visited", FREE),
         ("collided in the step before (black frame)", _MARK),
     ]
 
 
-def _shade(robot: int) -> Color:
+def _darker(color: Color) -> Color:
     """Return the colour of the arrow of a robot, darker than its visited squares."""
-    return mix(robot_color(robot)[1], (0, 0, 0), 0.15)
+    return mix(color, (0, 0, 0), 0.15)
 
 
 def _text(team: TeamTrajectory, stride: int, spec: Spec) -> str:

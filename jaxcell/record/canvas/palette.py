@@ -144,9 +144,12 @@ def robot_color(robot: int) -> tuple[str, Color]:
     return ROBOTS[robot % len(ROBOTS)]
 
 
-def robots_alike(robot: int, robots: int) -> str:
-    """Name all of `robots` robots that have the colour of `robot`, such as "robot 0, 21"."""
-    return f"robot {', '.join(map(str, range(robot % len(ROBOTS), robots, len(ROBOTS))))}"
+def robots_by_color(robots: int) -> list[tuple[str, str, Color]]:
+    """List each colour of robots: its robots, such as "0, 21", its name, and the colour."""
+    return [
+        (", ".join(map(str, range(first, robots, len(ROBOTS)))), name, color)
+        for first, (name, color) in enumerate(ROBOTS[:robots])
+    ]
 
 
 def angle_color(number: int) -> Color:

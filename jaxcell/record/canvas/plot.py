@@ -42,9 +42,9 @@ class Plot:
         lines = [np.array([[0, -_HEIGHT], [0, 0], [_WIDTH, 0]])]
         lines += [np.array([[at, 0], [at, 1.5]]) for at, _ in across]
         grid = [np.array([[0, at], [_WIDTH, at]]) for _, at in up if at]
-        self._lines("axes", lines, TEXT, 1.0, 31.0)
+        log_lines(self.stream, f"{self.path}/axes", lines, TEXT, 1.0, 31.0)
         if grid:
-            self._lines("grid", grid, MARGIN, 0.5, 1.0)
+            log_lines(self.stream, f"{self.path}/grid", grid, MARGIN, 0.5, 1.0)
         labels = [(one, at, 6.0) for one, (at, _) in zip(_names(x), across, strict=True)]
         labels += [(one, -8.0, at - 2.5) for one, (_, at) in zip(_names(y), up, strict=True)]
         labels += [(about_x, _WIDTH / 2, 15.0), (about_y, 0.25 * _WIDTH, -_HEIGHT - _ABOVE)]
@@ -86,12 +86,12 @@ class Plot:
         """Log a curve, drawn over wider curves. Values above the chart are drawn at its top."""
         shown = np.isfinite(y) & (x <= self.most_x)
         points = self.at(x[shown], np.minimum(y[shown], self.most_y))
-        self._lines(name, [points], color, width, 30 - width)
+        log_lines(self.stream, f"{self.path}/{name}", [points], color, width, 30 - width)
 
     def marks(self, name: str, x: Sequence[float | int], color: Color) -> None:
         """Log vertical lines from the bottom to the top of the chart."""
         strips = [self.at(np.full(2, float(one)), np.array([0.0, self.most_y])) for one in x]
-        self._lines(name, strips, color, 1.0, 5.0)
+        log_lines(self.stream, f"{self.path}/{name}", strips, color, 1.0, 5.0)
 
     def view(self, name: str, also: Sequence[str] = ()) -> rrb.Spatial2DView:
         """Create a view of the chart, and of the entities `also` in the same plane."""
@@ -105,11 +105,6 @@ class Plot:
         across = np.atleast_1d(x) * (_WIDTH / self.most_x)
         up = np.atleast_1d(y) * (-_HEIGHT / self.most_y)
         return np.stack(np.broadcast_arrays(across, up), axis=1)
-
-    def _lines(
-        self, name: str, strips: Sequence[np.ndarray], color: Color, width: float, order: float
-    ) -> None:
-        log_lines(self.stream, f"{self.path}/{name}", strips, color, width, order)
 
 
 def _names(ticks: Ticks) -> list[str]:

@@ -25,8 +25,7 @@ def recording(path: str | os.PathLike[str], kind: str) -> Iterator[rr.RecordingS
 
     In the block, Rerun raises errors for bad arguments instead of printing warnings.
     """
-    if Path(path).suffix != ".rrd":
-        raise ValueError(f"{path}: expected the name of a recording, which ends in .rrd")
+    check_name(path)
     strict = rr.strict_mode()
     rr.set_strict_mode(True)
     try:
@@ -41,6 +40,12 @@ def recording(path: str | os.PathLike[str], kind: str) -> Iterator[rr.RecordingS
             temporary.write_bytes(memory.drain_as_bytes())
     finally:
         rr.set_strict_mode(strict)
+
+
+def check_name(path: str | os.PathLike[str]) -> None:
+    """Raise `ValueError` if a path is not that of a recording."""
+    if Path(path).suffix != ".rrd":
+        raise ValueError(f"{path}: expected the name of a recording, which ends in .rrd")
 
 
 def new_stream(kind: str) -> rr.RecordingStream:

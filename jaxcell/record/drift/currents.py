@@ -9,7 +9,7 @@ from ...drift import SeaDrift, simulate_drifters
 from ..canvas.marks import points
 from ..canvas.palette import Color
 from ..canvas.stream import send_changing
-from .map import DRIFTER, CurrentMap
+from .map import DRIFTER, CurrentMap, shortened
 
 
 _MAX_ARROWS = 700
@@ -85,8 +85,7 @@ def _log_arrows(map: CurrentMap, layers: int) -> None:
     spacing = max(1.0, float(np.sqrt(water.cells / cells.size)))
     map.log_key(spacing)
     vector = np.moveaxis(rate, 1, 2) * (map.arrow * spacing)
-    length = np.linalg.norm(vector, axis=2, keepdims=True)
-    vector = vector * np.minimum(1, _MAX_LENGTH * spacing / np.maximum(length, 1e-12)) * map.side
+    vector = shortened(vector, _MAX_LENGTH * spacing) * map.side
     foot = map.xy(cells) - vector / 2
     times, sizes = np.rint(since[shown]).astype(np.int64), np.full(shown.size, cells.size)
     radius = 0.08 * spacing * float(map.side.min())

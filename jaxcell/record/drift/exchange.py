@@ -1,6 +1,7 @@
 import numpy as np
 import rerun.blueprint as rrb
 
+from ...base.formatting import in_time
 from ...drift import Exchange
 from ..canvas.marks import log_labels
 from ..canvas.matrix import log_matrix
@@ -41,9 +42,7 @@ def log_exchange(map: SeaMap, exchange: Exchange) -> rrb.Container:
 
 
 def _hours(hours: float) -> str:
-    if not np.isfinite(hours):
-        return "forever"
-    return f"{hours / 24:.3g} days" if hours >= 72 else f"{hours:.3g} h"
+    return in_time(hours) if np.isfinite(hours) else "forever"
 
 
 def _text(exchange: Exchange) -> str:

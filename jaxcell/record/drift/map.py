@@ -123,10 +123,7 @@ class SeaMap:
 
     def thinned(self, most: int) -> Int[np.ndarray, "some"]:
         """Select every n-th cell along rows and columns, so that about `most` cells remain."""
-        stride = max(1, math.ceil(math.sqrt(self.water.cells / most)))
-        first = stride // 2
-        row, column = self.water.row % stride, self.water.column % stride
-        return np.flatnonzero((row == first) & (column == first))
+        return thinned(self.water.row, self.water.column, most)[0]
 
     def picture(
         self,
@@ -203,6 +200,23 @@ class CurrentMap(SeaMap):
         )  # fmt: skip
         middle = float(foot[0]) + speed * length / 2
         log_labels(self.stream, "map/key/speed", [(f"{speed:g} m/s", middle, float(foot[1]))])
+
+
+def thinned(
+    row: Int[np.ndarray, "squares"], column: Int[np.ndarray, "squares"], most: int
+) -> tuple[Int[np.ndarray, "some"], int]:
+    """Select every n-th of some squares along rows and columns, about `most`; return them and n."""
+    stride = max(1, math.ceil(math.sqrt(row.size / most)))
+    some = (row % stride == stride // 2) & (column % stride == stride // 2)
+    return np.flatnonzero(some), stride
+
+
+def shortened(
+    vectors: Float[np.ndarray, "*arrows 2"], most: float
+) -> Float[np.ndarray, "*arrows 2"]:
+    """Shorten the arrows that are longer than `most`."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return vectors * np.minimum(1, most / np.maximum(length, 1e-12))
 
 
 def log_maps(stream: rr.RecordingStream, drift: LayeredResult, kind: type[M]) -> list[M]:

@@ -29,12 +29,7 @@ class ObservedMap(SeaMap):
 
 
 def log_observed_drift(stream: rr.RecordingStream, found: ObservedDrift, spec: Spec) -> None:
-    """Record observed drifters, and the groups of cells in which they end.
-
-    Static tabs show the persistent groups, nearly closed sets, absorption times, sampling errors,
-    and observations. Over a timeline of days, or of shorter units, a tab shows the distribution of
-    drifters that were released uniformly in all cells.
-    """
+    """Record observed drifters, and the groups of cells in which they end."""
     maps = log_maps(stream, found, ObservedMap)
     tabs = [log_groups(maps, _text(found, spec)), _log_places(maps[0]), _log_errors(maps[0])]
     tabs.append(_log_observations(maps[0]))

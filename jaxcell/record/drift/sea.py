@@ -18,14 +18,7 @@ from .voyage import log_voyage
 
 
 def log_drift(stream: rr.RecordingStream, drift: SeaDrift, spec: Spec) -> None:
-    """Record drifters in a sea, and the groups of cells in which they end.
-
-    Over a timeline of dates, tabs show the current of each layer as arrows, drifters in it, the
-    predicted distribution of drifters, and drifters that follow the policy to a goal. Static tabs
-    show persistent groups, nearly closed sets, absorption times, the deployment, the error of the
-    prediction, the exchange between regions, beaches, the cells that can ever be reached from the
-    start, and a view of the value function and the policy in three dimensions.
-    """
+    """Record drifters in a sea, and the groups of cells in which they end, over dates."""
     seed = int(spec.get("seed", 0))
     maps = log_maps(stream, drift, CurrentMap)
     groups = log_groups(maps, groups_text(drift, spec))

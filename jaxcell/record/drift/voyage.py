@@ -14,7 +14,7 @@ from ..canvas.prose import described
 from ..canvas.scale import Scale
 from ..canvas.stream import send_changing
 from .frame import place_name
-from .map import DRIFTER, LAND, CurrentMap
+from .map import DRIFTER, LAND, CurrentMap, shortened, thinned
 
 
 # The largest numbers of squares and arrows of a layer.
@@ -97,10 +97,9 @@ def _log_land(space: _Space) -> None:
     stream = space.surface.stream
     for layer, water in enumerate(space.surface.drift.waters):
         row, column = np.nonzero(water.land)
-        stride = max(1, math.ceil(math.sqrt(row.size / _MAX_SQUARES)))
-        some = (row % stride == stride // 2) & (column % stride == stride // 2)
+        some, stride = thinned(row, column, _MAX_SQUARES)
         at = np.stack([column[some], row[some]], axis=1).astype(float)
-        if some.any():
+        if some.size:
             # Land is a little lower, so that it does not flicker through the water.
             z = -(layer + 0.01) * space.gap
             color = np.tile(np.array(LAND[:3], np.uint8), (len(at), 1))
@@ -145,8 +144,8 @@ def _log_value(space: _Space, policy: Voyage) -> Scale:
     colors = np.array(scale.colors, np.uint8)
     level = scale.levels(value).astype(int) - 1
     for map in space.layers:
-        water, cells, z = map.water, map.thinned(_MAX_SQUARES), -map.number * space.gap
-        stride = max(1, math.ceil(math.sqrt(water.cells / _MAX_SQUARES)))
+        water, z = map.water, -map.number * space.gap
+        cells, stride = thinned(water.row, water.column, _MAX_SQUARES)
         at = np.stack([water.column[cells], water.row[cells]], axis=1).astype(float)
         pale = np.tile(np.array(FREE[:3], np.uint8), (cells.size, 1))
         _log_squares(space, f"space/water/{map.number}", at, z, stride, pale)
@@ -171,8 +170,7 @@ def _log_policy(space: _Space, policy: Voyage) -> None:
         drifts = (action == 0)[:, None]
         mean = np.asarray(map.flow.mean().rate)[0][:, water.row[cells], water.column[cells]].T
         along = mean * (map.arrow * spacing) * side
-        length = np.linalg.norm(along, axis=1, keepdims=True)
-        along *= np.minimum(1, 1.5 * spacing * side.max() / np.maximum(length, 1e-12))
+        along = shortened(along, 1.5 * spacing * float(side.max()))
         up = -0.09 * space.gap * action[:, None].astype(float)
         vector = np.concatenate([np.where(drifts, along, 0), up], axis=1)
         # Arrows are above the water, which would cut them in half.

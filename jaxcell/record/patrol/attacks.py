@@ -75,12 +75,15 @@ def _log_target(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
 
 def _log_seen(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
     """Log a picture at each step that shows which robots see each square."""
-    colors = min(patrol.robots, len(palette.ROBOTS))
-    classes = [palette.NOT_FREE, PictureClass("no robot sees it", palette.FREE)]
-    for robot in range(colors):
-        name, color = palette.robot_color(robot)
-        alike = palette.robots_alike(robot, patrol.robots)
-        classes.append(PictureClass(f"{alike} ({name}) sees it", palette.tint(color, 0.6)))
+    shared = palette.robots_by_color(patrol.robots)
+    colors, classes = (
+        len(shared),
+        [palette.NOT_FREE, PictureClass("no robot sees it", palette.FREE)],
+    )
+    classes += [
+        PictureClass(f"robot {alike} ({name}) sees it", palette.tint(color, 0.6))
+        for alike, name, color in shared
+    ]
     classes.append(PictureClass("several robots see it", _SEVERAL))
     classes.append(PictureClass("the base station sees it", BASE_VIEW))
     seen = patrol.visible[attacks.place]
@@ -93,11 +96,8 @@ def _log_seen(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
 
 def _legend(patrol: PatrolledMap) -> list[tuple[str, Color]]:
     legend = [
-        (
-            f"{palette.robots_alike(robot, patrol.robots)}, last steps and sight",
-            palette.robot_color(robot)[1],
-        )
-        for robot in range(min(patrol.robots, len(palette.ROBOTS)))
+        (f"robot {alike}, last steps and sight", color)
+        for alike, _, color in palette.robots_by_color(patrol.robots)
     ]
     if patrol.robots > 1:
         legend.append(("in view of several robots", _SEVERAL))

@@ -21,12 +21,11 @@ from ..canvas.palette import (
     FREE,
     PLAIN,
     ROBOT,
-    ROBOTS,
     Color,
     Level,
     ramp,
     robot_color,
-    robots_alike,
+    robots_by_color,
     share_colors,
 )
 from ..canvas.plot import Plot, ticks
@@ -44,13 +43,7 @@ _MAX_CHANCES = 60
 
 
 def log_patrol_graph(stream: rr.RecordingStream, patrol: GraphPatrol, spec: Spec) -> None:
-    """Record the random walk of a patroller on a graph.
-
-    The timeline `step` shows walking patrollers, which start from the stationary distribution, and
-    the time since the last visit to each vertex. Static views show the share of steps along each
-    edge, the times between visits, the ages of news that reach a base, the steps between charges,
-    the probabilities of the next step from each vertex, a heat map of the hitting times, and the
-    payoffs and the mixture of a game.
+    """Record the random walk of a patroller on a graph, over the timeline `step`.
 
     Vertices without positions are placed as if each edge were a spring.
     """
@@ -110,12 +103,6 @@ class _Drawing:
         )
         self.stream.log(f"graph/{name}", discs, static=True)
 
-    def lines(
-        self, name: str, ends: Float[np.ndarray, "lines 2 2"], level: Float[np.ndarray, "lines"]
-    ) -> None:
-        """Log lines whose width and colour show `level`, from 0 (thin) to 1 (wide, yellow)."""
-        log_shares(self.stream, f"graph/{name}", ends, level, 0.45 * self.mark)
-
 
 def _log_walk(drawing: _Drawing, spec: Spec) -> rrb.Container:
     """Log walking patrollers, the share of steps per edge, and the share of time per vertex."""
@@ -123,7 +110,7 @@ def _log_walk(drawing: _Drawing, spec: Spec) -> rrb.Container:
     flow, (tails, heads) = _flow(patrol), patrol.graph.edges.T
     weight, share = flow[tails, heads] + flow[heads, tails], flow.sum(axis=1)
     most, robots = float(weight.max()), patrol.robots
-    drawing.lines("shares", drawing.ends, weight / most)
+    log_shares(stream, "graph/shares", drawing.ends, weight / most, 0.45 * drawing.mark)
     size = np.sqrt(share / share.max())
     shares = [f"{100 * one:.3g} % of the time" for one in share.tolist()]
     drawing.discs("vertices", drawing.mark * np.maximum(size, 0.1), FREE, shares)
@@ -138,10 +125,7 @@ def _log_walk(drawing: _Drawing, spec: Spec) -> rrb.Container:
     if robots == 1:
         legend.append(("the patroller", ROBOT))
     else:
-        legend += [
-            (f"patroller {robots_alike(i, robots).removeprefix('robot ')}", color)
-            for i, (_, color) in enumerate(ROBOTS[:robots])
-        ]
+        legend += [(f"patroller {alike}", color) for alike, _, color in robots_by_color(robots)]
     views = rrb.Vertical(
         rrb.Horizontal(
             drawing.view("The walk", "shares", "vertices", "names", "patrollers/**"),
@@ -246,7 +230,7 @@ def _log_next(drawing: _Drawing) -> rrb.Container:
     here, there = np.concatenate([drawing.ends, drawing.ends[:, ::-1]]).swapaxes(0, 1)
     halves = np.stack([here, here + 0.48 * (there - here)], axis=1)
     chance, stay = patrol.probabilities.T.ravel(), patrol.stay
-    drawing.lines("next", halves, chance / most)
+    log_shares(drawing.stream, "graph/next", halves, chance / most, 0.45 * drawing.mark)
     labels = [f"{one:.3f}" for one in chance.tolist()]
     # Labels are beside the line, on the right in the direction of motion.
     along = (there - here) / np.linalg.norm(there - here, axis=1, keepdims=True).clip(1e-9)

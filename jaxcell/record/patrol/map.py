@@ -5,24 +5,14 @@ from ..canvas.map import CellMap
 from ..canvas.prose import Spec
 from ..canvas.stream import send_blueprint
 from .attacks import log_attacks
-from .cover import log_covers
-from .frontier import log_frontier
-from .policies import log_policies
+from .capture import log_frontier, log_vulnerability
+from .policies import log_covers, log_policies
 from .regions import log_base, log_regions
 from .target import log_target
-from .vulnerability import log_vulnerability
 
 
 def log_patrol_map(stream: rr.RecordingStream, patrol: PatrolledMap, spec: Spec) -> None:
-    """Record robots that patrol a map with limited visibility.
-
-    The timeline `step` shows the robots and the cells in view, and an adversary that repeatedly
-    attacks one cell. The cells of each cover appear one by one on the timeline `cover`, and more
-    slowly on `step`. Static views show the share of steps of each robot along each edge, the base
-    station and the regions around it, the simulated, exact and fitted distributions of the time
-    until a robot sees the attacked cell, the probability of capture at each cell, and the trade-off
-    between capture and unpredictability, if it was computed.
-    """
+    """Record robots that patrol a map, and an adversary, over the timelines `step` and `cover`."""
     map = CellMap(stream, patrol.cells)
     tabs = [
         log_attacks(map, patrol, spec),

@@ -51,13 +51,12 @@ def log_regions(map: CellMap, patrol: PatrolledMap, regions: Regions) -> rrb.Con
         title, owners = f"Without robot {_lost(patrol)}", after.robot.tolist()
         maps.append((title, "regions_after", after.regions, owners, after.policies))
     # With more robots than colours, several robots share a colour.
-    colors = [palette.robot_color(robot)[1] for robot in robots[: len(palette.ROBOTS)]]
+    colors = palette.robots_by_color(patrol.robots)
     classes = [palette.NOT_FREE, PictureClass("only the base", BASE_VIEW)]
     legend: list[tuple[str, Color]] = []
-    for robot, color in enumerate(colors):
-        alike = palette.robots_alike(robot, patrol.robots)
-        patrols = PictureClass(f"{alike} patrols", palette.tint(color, 0.6))
-        reports = PictureClass(f"{alike} reports", palette.tint(color, 0.25))
+    for alike, _, color in colors:
+        patrols = PictureClass(f"robot {alike} patrols", palette.tint(color, 0.6))
+        reports = PictureClass(f"robot {alike} reports", palette.tint(color, 0.25))
         classes += [patrols, reports]
         legend += [patrols, ("... in view of the base: it can report", reports.color)]
     legend += [*base_legend(patrol), ("in its view, patrolled by no robot", BASE_VIEW)]

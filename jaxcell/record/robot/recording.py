@@ -17,7 +17,7 @@ from ..canvas.marks import points
 from ..canvas.page import log_text
 from ..canvas.palette import BELIEF, CATEGORIES, KNOWN, OBSTACLE, TRAIL, Color, mix, robot_color
 from ..canvas.prose import counted, made_with
-from ..canvas.stream import fixed, new_stream, recording_name
+from ..canvas.stream import check_name, fixed, new_stream, recording_name
 from ..viewer import viewer_sink
 from .belief_heat import BeliefHeat
 from .track import NOWHERE, RecordedRobot, Track, longer_trail
@@ -80,8 +80,7 @@ class RobotRecording:
         `filter` has more or fewer cells; `OSError` if the folder is missing or no viewer answers.
         """
         path = Path(path)
-        if path.suffix != ".rrd":
-            raise ValueError(f"{path}: expected the name of a recording, which ends in .rrd")
+        check_name(path)
         if not path.parent.is_dir():
             raise FileNotFoundError(f"{path}: there is no folder {path.parent}")
         if not robots:

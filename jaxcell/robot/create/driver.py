@@ -10,11 +10,9 @@ from typing import TypeVar
 
 from ...base.process import end_by_signals, leave_signals
 from .line import Port as Port, open_line, plain
-from .open_interface import SAFE, START, STOP, StreamParser, drive_direct, stream
+from .open_interface import SAFE, START, STOP, StreamParser, drive_direct, stream, wheel_speeds
 from .packets import Mode
-from .reading import STREAM, Reading
-from .speeds import wheel_speeds
-from .strain import Strain
+from .reading import STREAM, Reading, Strain
 from .watchdog import Watchdog
 
 

@@ -1,13 +1,18 @@
-"""Open the serial line to a robot, and explain failures in plain words."""
+"""Open the serial line to a robot, reboot the robot on it, and explain failures in plain words."""
 
 import contextlib
 import errno
 import re
+import time
 from typing import Protocol, runtime_checkable
 
 import serial
 
-from .open_interface import BAUD
+from .open_interface import BAUD, RESET, START
+
+
+# A reboot takes about five seconds. Reading ends after 10, or after 2 seconds without a byte.
+_SECONDS, _QUIET = 10.0, 2.0
 
 
 @runtime_checkable
@@ -53,3 +58,25 @@ def plain(error: OSError) -> str:
     """Return the message of an error without the error numbers of the operating system."""
     text = re.sub(r"\[Errno -?\d+\] ", "", str(error))
     return re.sub(r"\(\d+, '(.*)'\)", r"\1", text)
+
+
+def firmware(port: Port) -> str:
+    """Reboot a robot, and read the lines that it prints, which contain its firmware version.
+
+    No driver may use the line at the same time. The returned text is empty if the robot is silent.
+    """
+    port.timeout = 0.1
+    port.write(START + RESET)
+    text = b""
+    now = time.monotonic()
+    end = until = now + _SECONDS
+    # A slow reader may be late, so only a read without a byte counts as silence.
+    while now < end:
+        data = port.read(max(1, port.in_waiting))
+        now = time.monotonic()
+        if data:
+            text, until = text + data, now + _QUIET
+        elif now >= until:
+            break
+    lines = text.decode("ascii", errors="replace").splitlines()
+    return "\n".join(line.strip() for line in lines if line.strip())

@@ -1,4 +1,4 @@
-"""The sensor packets that the driver requests, and the readings decoded from them."""
+"""The sensor packets that the driver requests, their readings, and the dangers that they show."""
 
 import cmath
 import math
@@ -17,6 +17,14 @@ from .packets import (
 
 STREAM = (7, 9, 10, 11, 12, 14, 43, 44, 21, 22, 25, 26, 34, 35)
 """The numbers of the streamed packets. `StreamParser` explains why 35, the mode, is last."""
+
+LOW_BATTERY = 0.1
+"""The battery is low if its charge is below this fraction of its capacity."""
+
+# The numbers of frames, one per 15 ms, after which a bump or a start cannot be the cause.
+_STALL, _OVERCURRENT = 67, 20
+# The encoder counts by which a blocked wheel may move, 2 mm.
+_PLAY = 4
 
 
 @dataclass(frozen=True)
@@ -140,5 +148,34 @@ class Reading:
         return None
 
 
-LOW_BATTERY = 0.1
-"""The battery is low if its charge is below this fraction of its capacity."""
+class Strain:
+    """A detector of blocked wheels, updated with each frame of the stream.
+
+    A wheel is blocked if it should turn but stands still for a second, or if its motor draws too
+    much current for a third of a second. Shorter times are normal at a bump or a start.
+    """
+
+    def __init__(self) -> None:
+        self._frames = [0, 0]
+        self._counts: list[int | None] = [None, None]
+        self._overcurrent = 0
+
+    def observe(self, wheels: tuple[int, int], reading: Reading) -> str | None:
+        """Update the detector with the next frame, and return the reason to stop, or `None`.
+
+        `wheels` are the commanded speeds of the right and the left wheel, in mm/s.
+        """
+        self._overcurrent = self._overcurrent + 1 if reading.overcurrent and any(wheels) else 0
+        if self._overcurrent >= _OVERCURRENT:
+            return "a wheel is blocked: its motor draws too much current"
+        left, right = reading.encoders
+        for side, (name, count) in enumerate((("right", right), ("left", left))):
+            before = self._counts[side]
+            held = before is not None and abs(encoder_difference(before, count)) <= _PLAY
+            if not (held and wheels[side]):
+                self._frames[side], self._counts[side] = 0, count
+                continue
+            self._frames[side] += 1
+            if self._frames[side] >= _STALL:
+                return f"the {name} wheel is blocked: it does not turn"
+        return None

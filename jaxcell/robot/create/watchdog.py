@@ -1,13 +1,11 @@
 """A separate process that stops the robot when the process that drives it ends or hangs.
 
-The Open Interface has no timeout: the wheels keep their last speed until the next command. A
-process that is killed by SIGKILL cannot stop them. Therefore the driver starts the watchdog, which
-inherits the open serial line and a pipe. The driver writes into the pipe ten times per second. When
-the pipe closes, or stays silent for too long, the watchdog stops the robot. It has its own session
-and ignores the signals of the terminal, so that they do not end it together with the driver.
-
-The watchdog cannot help if the cable is pulled out, the computer loses power, or both processes are
-killed together (as when a container or `systemd` unit is killed as a whole).
+A process that is killed by SIGKILL cannot stop the wheels. Therefore the driver starts the
+watchdog, which inherits the open serial line and a pipe. The driver writes into the pipe ten times
+per second. When the pipe closes, or stays silent for too long, the watchdog stops the robot. It has
+its own session and ignores the signals of the terminal, so that they do not end it together with
+the driver. It cannot help if both processes are killed together (as when a container or `systemd`
+unit is killed as a whole).
 
 The process runs this file alone, with a few modules of the standard library, to start quickly.
 """

@@ -15,6 +15,7 @@ from jaxcell.robot.create.open_interface import (
     drive_direct,
     stream,
     stream_frame,
+    wheel_speeds,
 )
 from jaxcell.robot.create.packets import (
     GROUPS,
@@ -26,7 +27,6 @@ from jaxcell.robot.create.packets import (
     members,
 )
 from jaxcell.robot.create.reading import STREAM
-from jaxcell.robot.create.speeds import wheel_speeds
 
 
 # The sizes of the packets 7 to 58, read again from the table of the specification.

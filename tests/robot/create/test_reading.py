@@ -6,8 +6,7 @@ import math
 import pytest
 
 from jaxcell.robot.create.packets import METRES_PER_COUNT, WHEEL_BASE, Contact, Mode, members
-from jaxcell.robot.create.reading import STREAM, Reading
-from jaxcell.robot.create.strain import Strain
+from jaxcell.robot.create.reading import STREAM, Reading, Strain
 
 
 VALUES = {packet.name: 0 for packet in members(STREAM)} | {"capacity": 2696, "charge": 2000}

@@ -11,7 +11,7 @@ import serial
 from waiting import wait_until as until
 
 from jaxcell.robot.create import open_interface as oi
-from jaxcell.robot.create.firmware import firmware
+from jaxcell.robot.create.line import firmware
 from jaxcell.robot.create.packets import Contact, Mode, layout, members
 from jaxcell.robot.emulation.body import Body
 from jaxcell.robot.emulation.emulator import BANNER, Emulator, Line

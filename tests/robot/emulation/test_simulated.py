@@ -9,8 +9,8 @@ import pytest
 
 from jaxcell.robot.create.clock import ByClock
 from jaxcell.robot.create.driver import RobotStopped
+from jaxcell.robot.create.open_interface import wheel_speeds
 from jaxcell.robot.create.packets import METRES_PER_COUNT, WHEEL_BASE
-from jaxcell.robot.create.speeds import wheel_speeds
 from jaxcell.robot.emulation.body import Body, Noise
 from jaxcell.robot.emulation.direct import DirectBody
 from jaxcell.robot.emulation.emulator import Emulator, Line
