@@ -12,6 +12,10 @@ from ..space import CELL_BY_CELL, CellSpace, Motion
 from .dynamics import Moves, bounce_shift, moves as moves_of
 
 
+# By how much the sum of the probabilities of turns may differ from 1.
+_ROUNDING = 1e-12
+
+
 def noisy_bounce_map(
     cells: CellSpace,
     bounce: float | Array,
@@ -29,8 +33,9 @@ def noisy_bounce_map(
     **Arguments:** a cell space; the bouncing angle, counter-clockwise, and the largest error, both
     in radians, as multiples of the angle between two directions; a reliability above 0 and at most
     1, or the probability of each turn of [`jaxcell.bounce.noisy_turns`][], in its order; and a
-    motion. The angle and the probabilities may be traced by `jit`, `vmap` and `grad`. **Returns:**
-    the Markov chain of the cells.
+    motion. The angle and the probabilities may be traced by `jit`, `vmap` and `grad`; in a program,
+    those that are refused elsewhere make all probabilities NaN. **Returns:** the Markov chain of
+    the cells.
 
     Cell 1 is at the East end of a corridor of two squares. Of ten turns there, eight are by 180
     degrees, one is to the North, and one to the South:
@@ -88,6 +93,12 @@ def noisy_turns(
         probability = xp.where(errors == 0, chance, share)
     if xp is np:
         _check_probabilities(probability, bins)
+    else:
+        right = (probability.min() >= 0) & (abs(probability.sum() - 1) < _ROUNDING)
+        right &= probability[0] > 0
+        probability = jnp.where(right, probability, jnp.nan)
+    if traced(bounce):
+        probability = jnp.where(jnp.isfinite(bounce), probability, jnp.nan)
     return (shift + errors) % directions, probability
 
 
@@ -100,7 +111,7 @@ def _check_probabilities(probability: Float[np.ndarray, "branches"], bins: int) 
             f"reliability: {reliability:g} leaves a chance of an error, but the error is 0 deg; "
             "expected 1, or a larger error"
         )
-    if not (probability.min() >= 0 and abs(probability.sum() - 1) < 1e-12):
+    if not (probability.min() >= 0 and abs(probability.sum() - 1) < _ROUNDING):
         raise ValueError(
             f"reliability: expected probabilities that sum to 1, got {probability.tolist()}"
         )

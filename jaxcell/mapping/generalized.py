@@ -63,14 +63,17 @@ class Chain:
     def __init__(self, image: Any, probability: Any, half: "Chain | None" = None) -> None:
         """Copy and check two arrays of shape `[branches, cells]`.
 
-        **Raises:** `ValueError` for arrays that are not a chain; their values are checked only
-        outside `jit`. `RuntimeError` if JAX traces the call with 32 bits.
+        **Raises:** `ValueError` for arrays that are not a chain; if JAX traces the call, the
+        probabilities are NaN instead. `RuntimeError` if JAX traces the call with 32 bits.
         """
         require_x64("a chain")
         image, probability = as_array(image, "image"), as_array(probability, "probability")
         check_arrays(image, probability, ("branches", "cells"))
-        object.__setattr__(self, "image", _kept(image, np.int32))
-        object.__setattr__(self, "probability", _kept(probability, np.float64))
+        image, probability = _kept(image, np.int32), _kept(probability, np.float64)
+        if traced(image, probability):
+            probability = jnp.where(are_chains(image, probability), probability, jnp.nan)
+        object.__setattr__(self, "image", image)
+        object.__setattr__(self, "probability", probability)
         object.__setattr__(self, "half", half)
 
     @classmethod
@@ -266,13 +269,15 @@ def leaving_rows(matrix: scipy.sparse.csr_array) -> Float[np.ndarray, "cells"]:
     return np.where(missing > _ROUNDING, missing, 0.0)
 
 
-def are_probabilities(
-    probability: Float[np.ndarray, "*members branches cells"],
-) -> Bool[np.ndarray, "*members"]:
-    """Check numbers as [`Chain`][] does, for the chain of each member."""
-    total = probability.sum(axis=-2)
-    right = (probability.min(axis=(-2, -1)) >= 0) & (total.max(axis=-1) <= 1 + _ROUNDING)
-    return np.asarray(right)
+def are_chains(
+    image: Int[np.ndarray | Array, "*#members branches cells"],
+    probability: Float[np.ndarray | Array, "*#members branches cells"],
+) -> Any:
+    """Check the arrays of the chain of each member as [`Chain`][] does; return `[*members]`."""
+    slots = (-2, -1)
+    exist = (image.min(axis=slots) >= 0) & (image.max(axis=slots) < image.shape[-1])
+    most = probability.sum(axis=-2).max(axis=-1)
+    return exist & (probability.min(axis=slots) >= 0) & (most <= 1 + _ROUNDING)
 
 
 def missing_rows(matrix: scipy.sparse.csr_array) -> Float[np.ndarray, "cells"]:

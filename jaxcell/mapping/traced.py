@@ -19,7 +19,7 @@ from jaxtyping import Bool, Int
 from ..base.callbacks import call_back
 from ..base.wide import traced
 from .batch import Batch, alike, rows
-from .generalized import Chain, are_probabilities, matrix_of
+from .generalized import Chain, are_chains, matrix_of
 
 
 _FAILED = {"f": np.nan, "c": np.nan, "i": -1, "u": 0, "b": False}
@@ -66,8 +66,8 @@ def on_host(
     def alone(values: list[Any]) -> list[Any]:
         args = tree.unflatten(map(_value_of, values[count:]))
         try:
-            if not all(are_probabilities(chance) for chance in values[1:count:2]):
-                raise ValueError("probabilities")
+            if not all(map(are_chains, values[:count:2], values[1:count:2])):
+                raise ValueError("images and probabilities")
             matrices = map(matrix_of, values[:count:2], values[1:count:2])
             result = outer.flatten_up_to(compute(whole.unflatten(matrices), *args))
         except (ValueError, RuntimeError, ArithmeticError):
@@ -93,15 +93,16 @@ def on_host(
         values = [rows(x, own, lead) for x, own in zip(values, axes, strict=True)]
         results = [np.empty((math.prod(lead), *part.shape), part.dtype) for part in forms]
         left = np.ones(math.prod(lead), bool)
+        right = left.copy()
+        for slots in zip(values[:count:2], values[1:count:2], strict=True):
+            right &= are_chains(*(x if x.strides[0] else x[:1] for x in slots))
         with contextlib.suppress(RuntimeError):
             for part in alike(values[:count], values[count:]) if of_steps or many else ():
-                if of_steps or part.size > 1:
+                part = part[right[part]]
+                if part.size > (not of_steps):
                     for result, found in zip(results, together(values, part), strict=True):
                         result[part] = found
                     left[part] = ~np.all([_finite(result[part]) for result in results], axis=0)
-        # These are refused one by one.
-        for chance in values[1:count:2]:
-            left |= ~are_probabilities(chance if chance.strides[0] else chance[:1])
         for member in np.flatnonzero(left):
             for result, found in zip(results, alone([x[member] for x in values]), strict=True):
                 result[member] = found

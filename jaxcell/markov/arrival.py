@@ -40,7 +40,7 @@ class Race:
     "For each robot, the index of its chain in `chains`."
     start: Float[Numbers, "robots cells"] | Int[np.ndarray, "choices"]
     "The distribution of each robot's start or, for a `Distinct` start, the possible cells."
-    there: Bool[np.ndarray, "cells"]
+    there: Bool[Numbers, "cells"]
     "The target, as a mask over the cells."
 
     @classmethod
@@ -152,7 +152,8 @@ def first_arrival(
     arriving = survive[:-1] - survive[1:]
     # If rounding let the probability grow, a probability of arrival would be negative.
     falling = jax.lax.stop_gradient(jax.lax.cummin(survive))
-    return falling[:-1] - falling[1:] + (arriving - jax.lax.stop_gradient(arriving))
+    law = falling[:-1] - falling[1:] + (arriving - jax.lax.stop_gradient(arriving))
+    return jnp.where(race.there.any(), law, jnp.nan)
 
 
 @functools.partial(jax.jit, static_argnames="count")

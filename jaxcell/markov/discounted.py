@@ -105,12 +105,13 @@ def value_iteration(
     for name, number in (("tolerance", tolerance), ("max_rounds", max_rounds)):
         if not number > 0:
             raise ValueError(f"{name}: expected a positive number, got {number}")
+    factor: Any = jnp.asarray(discount, float) if traced(discount) else discount
     compute, many = (
         functools.partial(find, tolerance=float(tolerance), max_rounds=max_rounds)
         for find in (_optimum, _optima)
     )
     form = like(float, model.cells), like(int, model.cells), *CERTIFIED
-    problem = model.chains, model.allowed, model.reward, discount
+    problem = model.chains, model.allowed, model.reward, factor
     value, policy, rounds, residual = on_host(compute, form, *problem, many=many)
     certificate = Certificate(rounds, residual, float(tolerance))
     certificate.check("value_iteration", throw)
@@ -118,9 +119,14 @@ def value_iteration(
     if traced(problem):
         taken = policy[None] == jnp.arange(model.actions, dtype=policy.dtype)[:, None]
         gain = jnp.where(taken, model.reward, 0.0).sum(axis=0)
-        inputs = policy_chain(model, policy), gain, jnp.asarray(discount, value.dtype)
+        inputs = policy_chain(model, policy), gain, jnp.asarray(factor, value.dtype)
         value = implicit(_change, value, inputs)
     return Optimum(value, policy, certificate)
+
+
+def _are_choices(allowed: Usable, reward: Float[np.ndarray, "*members actions cells"]) -> bool:
+    """Check that each cell has an action, and that rewards are finite, as `DecisionModel` does."""
+    return bool(np.any(allowed, axis=0).all() and np.isfinite(reward).all())
 
 
 def _optimum(
@@ -133,8 +139,8 @@ def _optimum(
     max_rounds: int,
 ) -> tuple[Float[np.ndarray, "cells"], Policy, int, float]:
     discount = float(discount)
-    if not 0 < discount < 1:
-        raise ValueError("discount")
+    if not 0 < discount < 1 or not _are_choices(allowed, reward):
+        raise ValueError("discount, allowed, reward")
     problem = _Discounted.of(Moves.of(matrices, allowed), np.asarray(reward), discount)
     policy, found, rounds = problem.improve(tolerance, max_rounds)
     for _ in range(_CORRECTIONS):
@@ -162,9 +168,9 @@ def _optima(
 
     Values are NaN where sweeps are too slow.
     """
-    wrong = not ((discount > 0) & (discount < 1)).all()
+    wrong = not ((discount > 0) & (discount < 1)).all() or not _are_choices(allowed, reward)
     if wrong or any(batch.chance.shape[1] > 1 for batch in batches):
-        raise RuntimeError("expected discounts between 0 and 1, and equal chains")
+        raise RuntimeError("expected discounts between 0 and 1, finite rewards, and equal chains")
     moves = Moves.of([batch.matrix() for batch in batches], allowed)
     gain = np.where(allowed, discount[:, None, None] * reward, -np.inf).transpose(1, 2, 0)
     value, left = np.zeros((moves.cells, discount.size)), np.arange(discount.size)

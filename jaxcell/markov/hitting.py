@@ -157,6 +157,8 @@ def _times_until_left(chain: Chain, inside: Any, others: Any, caller: str, throw
     """
     form = like(float, chain.cells), *CERTIFIED
     time, products, error = on_host(_times, form, chain, inside, many=_times_of_many)
+    if traced(others):
+        error = jnp.where(jnp.isnan(others).any(), jnp.nan, error)
     certificate = Certificate(products, error, TOLERANCE)
     certificate.check(caller, throw)
     time = time + others

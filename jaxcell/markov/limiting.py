@@ -172,7 +172,8 @@ def _weights(
     if share.shape != (rows,):
         raise ValueError(f"weights: expected {rows}, one per group, got shape {share.shape}")
     if traced(share):
-        return share, 0.0, 0, 0.0
+        right = (share.min() >= 0) & (jnp.abs(share.sum() - 1) <= _TOLERANCE)
+        return jnp.where(right, share, jnp.nan), 0.0, 0, 0.0
     share = np.asarray(share, float)
     if not (share.min() >= 0 and abs(share.sum() - 1) <= _TOLERANCE):
         raise ValueError(f"weights: expected numbers from 0 that sum to 1, got {share.tolist()}")

@@ -116,9 +116,11 @@ def _of_traced(race: Race, tolerance: float) -> MeanArrival:
         xp: Any = jnp if traced(race.start) else np
         share = functools.reduce(xp.kron, xp.pad(race.start, [(0, 0), (0, 1)]))
     time = hitting_times(chain, there, throw=False)
-    certificate = dataclasses.replace(time.certificate, tolerance=tolerance)
     counts = (share > 0) | jnp.isfinite(time.value)
-    return MeanArrival(jnp.where(counts, time.value, 0.0) @ share, certificate)
+    mean = jnp.where(counts, time.value, 0.0) @ share
+    certificate = time.certificate
+    residual: Any = jnp.where(jnp.isnan(mean), jnp.nan, certificate.residual)
+    return MeanArrival(mean, Certificate(certificate.iterations, residual, tolerance))
 
 
 def _with_lost(chain: Chain) -> Chain:

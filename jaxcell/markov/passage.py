@@ -80,16 +80,20 @@ def _law(
 def start_distribution(cells: int, start: Any) -> Any:
     """Return the probability of starting in each cell, as in [`first_passage`][].
 
-    Probabilities that JAX traces are not checked.
+    In a program, the probabilities of a wrong start are NaN.
     """
     array = start if traced(start) else np.asarray(start)
     if not array.size or not np.issubdtype(array.dtype, np.floating):
         mask = cell_mask(cells, array, "start")
         xp = namespace(mask)
-        return xp.where(mask.any(), 1 / xp.maximum(mask.sum(), 1), np.nan) * mask.astype(np.float64)
+        share = 1 / xp.maximum(mask.sum(), 1)
+        return xp.where(mask.any(), xp.where(mask, share, 0.0), np.nan)
     if array.shape != (cells,):
         raise ValueError(f"start: expected {cells} probabilities, got shape {array.shape}")
-    if not traced(array) and not (array.min() >= 0 and abs(array.sum() - 1) <= _ROUNDING):
+    right = (array.min() >= 0) & (abs(array.sum() - 1) <= _ROUNDING)
+    if traced(array):
+        return jnp.where(right, array, jnp.nan).astype(np.float64)
+    if not right:
         raise ValueError(
             f"start: expected probabilities that sum to 1, got the least {array.min()} and the sum "
             f"{array.sum()}"

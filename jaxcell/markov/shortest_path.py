@@ -107,6 +107,8 @@ def _shortest(
     matrices: Sequence[scipy.sparse.csr_array], allowed: Usable, there: _Cells
 ) -> tuple[_Values, _Values, Policy, _Cells, int, float]:
     check_target(there)
+    if not np.any(allowed, axis=0).all():
+        raise ValueError("allowed: expected an action in each cell")
     moves = Moves.of(matrices, allowed)
     usable = moves.allowed & ~there
     can = reaching(moves.joint(usable), there)

@@ -108,6 +108,10 @@ def simulate_arrival(
         cumulative = jax.device_put(xp.cumsum(race.start, axis=1))
         cells = _draw_starts(placing, cumulative, _TURNS * lanes)
     time = _walk(walking, _Tables.of(race), cells, np.int32(horizon))
+    if traced(race.chains, race.start, race.there):
+        numbers = race.start, [chain.probability for chain in race.chains]
+        wrong = [jnp.isnan(x).any() for x in jax.tree.leaves(numbers)]
+        time = jnp.where(race.there.any() & ~jnp.stack(wrong).any(), time, jnp.nan)
     return Arrivals(jax.device_put(host_array(time)[:runs]), horizon)
 
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxcell import examples, mapping, markov, patrol
+from jaxcell import bounce as bounce_, examples, mapping, markov, patrol
 
 
 RIGHT = np.array([[0.5, 0.5, 0.0], [0.25, 0.25, 0.5], [0.0, 0.5, 0.5]])
@@ -52,24 +52,108 @@ def test_wrong_probabilities_have_no_value(name, wrong):
 
 
 LINE = examples.line_model()
-TARGETS = {
-    "hitting": lambda cell: markov.hitting_times(examples.walk(), cell).value,
-    "arrival": lambda cell: markov.arrival_probabilities(examples.walk(), cell).value,
-    "conditional": lambda cell: markov.conditional_hitting_times(examples.walk(), cell).value,
-    "passage": lambda cell: markov.first_passage(examples.walk(), 0, cell, steps=4),
-    "start": lambda cell: markov.first_passage(examples.walk(), cell, 0, steps=4),
-    "quickest": lambda cell: markov.stochastic_shortest_path(LINE, cell).time,
+WALK = examples.walk()
+RUIN = examples.ruin()
+CELLS = examples.corridor(directions=4)
+
+
+def with_reward(reward):
+    model = markov.DecisionModel.of(LINE.chains, reward)
+    return markov.value_iteration(model, 0.5)
+
+
+def with_allowed(solve):
+    def compute(allowed):
+        return solve(markov.DecisionModel.of(LINE.chains, np.zeros((2, 3)), allowed))
+
+    return compute
+
+
+def noisy(reliability, bounce=np.pi):
+    chain = bounce_.noisy_bounce_map(CELLS, bounce, np.pi / 2, reliability)
+    return markov.absorption_times(chain).value
+
+
+# A call, what it takes, and what it refuses.
+REFUSED = {
+    "hitting": (lambda x: markov.hitting_times(WALK, x), 2, 3),
+    "arrival": (lambda x: markov.arrival_probabilities(WALK, x), 2, -1),
+    "conditional": (lambda x: markov.conditional_hitting_times(WALK, x), 2, 3),
+    "passage": (lambda x: markov.first_passage(WALK, 0, x, steps=4), 2, -1),
+    "passage from": (lambda x: markov.first_passage(WALK, x, 2, steps=4), 0, 7),
+    "passage from probabilities": (
+        lambda x: markov.first_passage(WALK, x, 2, steps=4),
+        np.array([0.5, 0.25, 0.25]),
+        np.array([0.5, 0.5, 0.5]),
+    ),
+    "first arrival": (lambda x: markov.first_arrival([WALK], [0], x, steps=4), 2, 7),
+    "first arrival from": (lambda x: markov.first_arrival([WALK], [x], 2, steps=4), 0, 7),
+    "mean": (lambda x: markov.mean_first_arrival([WALK], [x], 2), 0, -1),
+    "mean from probabilities": (
+        lambda x: markov.mean_first_arrival([WALK], [x], 2),
+        np.array([0.5, 0.25, 0.25]),
+        np.array([-0.5, 1.0, 0.5]),
+    ),
+    "simulation": (
+        lambda x: markov.simulate_arrival(jax.random.key(0), [WALK], [x], 2, runs=3).time,
+        0,
+        7,
+    ),
+    "weights": (
+        lambda x: markov.limiting_distribution(RUIN, weights=x),
+        np.array([0.25, 0.75]),
+        np.array([-0.5, 1.5]),
+    ),
+    "reward": (with_reward, np.ones((2, 3)), np.full((2, 3), np.nan)),
+    "discount": (lambda x: markov.value_iteration(LINE, x), 0.5, 1),
+    "allowed": (
+        with_allowed(lambda model: markov.value_iteration(model, 0.5)),
+        np.ones((2, 3), bool),
+        np.array([[1, 1, 0], [1, 0, 0]], bool),
+    ),
+    "allowed on the way": (
+        with_allowed(lambda model: markov.stochastic_shortest_path(model, 2).time),
+        np.ones((2, 3), bool),
+        np.array([[1, 1, 0], [1, 0, 0]], bool),
+    ),
+    "goal": (lambda x: markov.stochastic_shortest_path(LINE, x).time, 2, 3),
+    "reliability": (noisy, 0.5, 0.0),
+    "turns": (noisy, np.array([0.5, 0.25, 0.25]), np.array([0.2, 0.2, 0.2])),
+    "angle": (lambda x: noisy(0.5, x), np.pi, np.nan),
+    "images": (
+        lambda x: markov.hitting_times(mapping.Chain(x, np.full((1, 3), 0.5)), 0),
+        np.array([[1, 2, 0]]),
+        np.array([[1, 2, 9]]),
+    ),
+    "push": (
+        lambda x: mapping.Chain(x, np.full((1, 3), 0.5)).push(np.ones(3) / 3),
+        np.array([[1, 2, 0]]),
+        np.array([[1, 2, -1]]),
+    ),
 }
 
 
-@pytest.mark.parametrize("name", TARGETS)
-@pytest.mark.parametrize("cell", [-1, 3])
-def test_cells_that_do_not_exist_have_no_value(name, cell):
-    compute = jax.jit(jax.vmap(TARGETS[name]))
-    values = compute(jnp.array([0, cell, 1]))
-    assert np.isnan(values[1]).all()
-    assert not np.isnan(values[::2]).any()
-    assert np.isnan(jax.jit(TARGETS[name])(jnp.array([0, cell]))).all()
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_refused_has_no_value_in_a_program(name):
+    call, right, wrong = REFUSED[name]
+    with pytest.raises(ValueError, match=r"expected|does not exist|is not a whole|no action"):
+        call(wrong)
+
+    def numbers(given):
+        result = call(given)
+        certificate = getattr(result, "certificate", None)
+        sure = True if certificate is None else certificate.converged
+        return getattr(result, "value", result), sure, certificate is not None
+
+    value, sure, certified = jax.jit(numbers)(wrong)
+    assert np.isnan(value).any()
+    assert not (certified and sure)
+    batch = jnp.stack([jnp.asarray(member) for member in (right, wrong)])
+    values, sure, certified = jax.jit(jax.vmap(numbers))(batch)
+    assert np.isnan(values[1]).any()
+    assert sure[0]
+    assert not (certified[1] and sure[1])
+    np.testing.assert_allclose(values[0], numbers(right)[0], rtol=1e-12)
 
 
 @pytest.mark.parametrize("action", [-1, 2])
