@@ -193,7 +193,8 @@ def check(options: Any) -> None:
                 limit.check(name, number, unit)
     default = {field.name: field.default for field in dataclasses.fields(options)}
     for name in default:
-        if default[name] is dataclasses.MISSING and getattr(options, name) == ():
+        value = getattr(options, name)
+        if default[name] is dataclasses.MISSING and isinstance(value, tuple) and not value:
             raise ValueError(f"{name}: expected at least one value, got none")
     one_of = getattr(options, "one_of", ())
     if one_of and all(getattr(options, name) == default[name] for name in one_of):

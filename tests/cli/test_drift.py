@@ -108,3 +108,15 @@ def test_six_layers_fit_on_a_screen_with_the_main_numbers_first(
     ]
     # One row for each layer.
     assert rows[-6:] == [str(layer) for layer in range(6)]
+
+
+def test_a_dataset_is_a_sea():
+    longitude, latitude = np.linspace(-80, -79, 10), np.linspace(25, 26, 10)
+    axes, shape = ("time", "latitude", "longitude"), (1, 10, 10)
+    velocities = {"uo": (axes, np.full(shape, 0.3)), "vo": (axes, np.full(shape, 0.1))}
+    time = [np.datetime64("2020-01-01", "ns")]
+    coords = {"time": time, "latitude": latitude, "longitude": longitude}
+    question = Drift(file=xr.Dataset(velocities, coords=coords), duration=6 * 3600.0)
+    result = question.run()
+    assert result.cells == 100
+    assert question.spec(result)["file"] == "a Dataset of the program"

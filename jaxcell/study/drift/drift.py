@@ -129,7 +129,9 @@ class Drift(SeaStudy):
         names = "grid", "time", "bounds", "variables", "windage", "stokes", "land", "gaps"
         options = {name: getattr(self, name) for name in names}
         options |= {"depths": self.depths or None, "mean": self.current == "steady"}
-        return _currents(self.file, tuple(options.items()))
+        # A dataset of the program cannot be a key of the cache.
+        read = _currents if isinstance(self.file, tuple) else _currents.__wrapped__
+        return read(self.file, tuple(options.items()))
 
     def memory(self, written: bool = False) -> float | int:
         cells = [int(layer.sum()) for layer in self.currents().water.values]

@@ -18,7 +18,8 @@ class SeaStudy(Study):
 
     def spec(self, result: Any) -> dict[str, Any]:
         spec = super().spec(result)
-        return {**spec, "file": " ".join(spec["file"])}
+        file = spec["file"]
+        return {**spec, "file": file if isinstance(file, str) else " ".join(file)}
 
     def headline(self, spec: dict[str, Any]) -> str:
         return str(spec["file"])
