@@ -53,9 +53,10 @@ def limiting_distribution(
     `p`, the distribution of the start.
 
     **Arguments:** a chain, its persistent groups, which are found if they are not given, and the
-    weights of the groups: numbers that sum to 1; `"size"`, for weights proportional to the sizes of
-    the groups; or `"basin"`, the default, for the probabilities of ending in each group from a
-    random start.
+    weights of the groups: numbers that sum to 1, one per group (if the chain is traced, one per
+    cell, with zeros after the groups); `"size"`, for weights proportional to the sizes of the
+    groups; or `"basin"`, the default, for the probabilities of ending in each group from a random
+    start.
 
     **Returns:** the shares of the cells. The residual of the certificate is the larger of the
     1-norm of `value P - value` and a bound on the sum of the errors of weights and of `leaving`.
