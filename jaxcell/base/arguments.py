@@ -31,7 +31,7 @@ def checked(function: Callable[..., Any]) -> Callable[..., Any]:
     """Wrap a function so that it converts its arguments to the types of its annotations.
 
     Other arguments raise `ValueError`. The types are classes of the library, sequences of them,
-    whole numbers, and numbers.
+    whole numbers, and numbers. Whole numbers of NumPy and JAX become those of Python.
     """
     signature = inspect.signature(function)
     checks = {
@@ -112,4 +112,5 @@ def _check_number(kinds: tuple[type, ...], may_trace: bool, name: str, value: An
         kind = {bool: "b", int: "i", float: "f"}.get(type(value), "O")
     if kind not in ("biuf" if float in kinds else "biu") or np.ndim(value):
         raise ValueError(f"{name}: expected a {noun}, got {value!r}")
-    return value
+    # Whole numbers become parts of programs, and arrays of JAX have no hash.
+    return int(value) if kind in "iu" and not may_trace else value

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int, UInt32
 from ..base import memory
 from ..base.certificate import Real
 from ..base.precision import require_x64
-from ..base.wide import host_array, traced
+from ..base.wide import host_array, namespace, traced
 from ..mapping.generalized import Chain
 from ..mapping.traced import like, on_host
 from .arrival import Distinct, Race
@@ -50,15 +50,16 @@ class Arrivals:
         return mean if traced(mean) else float(mean)
 
     @property
-    def interval(self) -> tuple[float, float]:
+    def interval(self) -> tuple[Real, Real]:
         """A confidence interval of 95 % for the expected time, from the central limit theorem.
 
         If a run was stopped at the horizon, the upper end is `inf`; for the lower end, this run
         counts as an arrival at the horizon.
         """
-        time = np.minimum(np.asarray(self.time), self.horizon)
-        error = _NORMAL_95 * float(time.std(ddof=1)) / math.sqrt(time.size)
-        return float(time.mean()) - error, self.mean + error
+        time = namespace(self.time).minimum(self.time, self.horizon)
+        error = _NORMAL_95 * time.std(ddof=1) / math.sqrt(time.size)
+        low, high = time.mean() - error, self.mean + error
+        return (low, high) if traced(self.time) else (float(low), float(high))
 
 
 def simulate_arrival(

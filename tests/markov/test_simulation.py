@@ -188,3 +188,16 @@ def test_walks_follow_the_chain():
     # The standard error of a share of some 6,000 steps is below 0.007.
     np.testing.assert_allclose(steps / steps.sum(axis=1, keepdims=True), matrix, atol=0.03)
     assert (steps[matrix == 0] == 0).all()
+
+
+@pytest.mark.parametrize("horizon", [3, 1000])
+def test_the_interval_is_the_same_in_a_program(horizon):
+    chain = Chain.from_scipy(np.array([[0.75, 0.25], [0, 1.0]]))
+
+    def interval(chain):
+        return simulate_arrival(jax.random.key(2), [chain], [0], 1, 200, horizon=horizon).interval
+
+    low, high = interval(chain)
+    assert isinstance(low, float)
+    assert isinstance(high, float)
+    np.testing.assert_allclose(jax.jit(interval)(chain), (low, high), rtol=1e-12)

@@ -13,7 +13,7 @@ import pytest
 from flint import fmpq
 
 from jaxcell import examples, markov
-from jaxcell.mapping import Chain, persistent_groups
+from jaxcell.mapping import Chain, ChainSequence, persistent_groups
 
 from ..oracles import exact_chains
 
@@ -296,3 +296,29 @@ def test_second_derivatives_of_times():
 
     assert float(jax.grad(time)(0.25)) == pytest.approx(-16, rel=1e-12)
     assert float(jax.grad(jax.grad(time))(0.25)) == pytest.approx(128, rel=1e-12)
+
+
+@pytest.mark.parametrize("whole", [np.int32, np.int64, jnp.int32])
+def test_whole_numbers_of_arrays_count_as_those_of_python(whole):
+    chain, tide = examples.walk(), ChainSequence.of([examples.ruin(), examples.stream()])
+    key = jax.random.key(0)
+
+    def quantities(two, five):
+        def compute(chain, tide):
+            return (
+                markov.leading_modes(tide, two, start=two, steps=five).value,
+                markov.first_passage(chain, 0, 2, steps=five),
+                markov.simulate_arrival(key, [chain], [0], 2, five, horizon=five).time,
+            )
+
+        return compute(chain, tide), jax.jit(compute)(chain, tide)
+
+    expected = quantities(2, 5)
+    for found, exact in zip(quantities(whole(2), whole(5)), expected, strict=True):
+        for first, second in zip(found, exact, strict=True):
+            np.testing.assert_array_equal(first, second)
+
+
+def test_whole_numbers_that_are_traced_are_refused():
+    with pytest.raises(TypeError, match="leading_modes reads the values of its arrays"):
+        jax.jit(lambda n: markov.leading_modes(examples.walk(), 2, start=n).value)(1)

@@ -15,7 +15,7 @@ from ...base.wide import traced
 from ...mapping import Chain, ChainSequence
 from ...mapping.traced import first_derivative_only, implicit, like, on_host
 from ..traced import CERTIFIED
-from .window import Window, leading_subspace, steps_of
+from .window import Window, leading_order, leading_subspace, steps_of
 
 
 _Modes: TypeAlias = tuple[Any, Any, Any]
@@ -26,6 +26,8 @@ _Matrices: TypeAlias = tuple[scipy.sparse.csr_array, ...]
 TOLERANCE = 1e-6
 # A solution that is larger than the right side by this factor has lost its digits.
 _SINGULAR = 1e10
+# Share of the largest number of a function above which rounding errors may decide which is larger.
+_LARGEST = 1 - 1e-9
 
 
 @jax.tree_util.register_dataclass
@@ -37,10 +39,10 @@ class Modes:
     """
 
     value: Complex[Array | np.ndarray, "modes"]
-    "The eigenvalues with the largest real parts, in descending order."
+    "The eigenvalues with the largest real parts, in the order of [`leading_modes`][]."
     right: Complex[Array | np.ndarray, "modes cells"]
     """Right eigenvectors: functions with `P f = value f`. If the value is near 1, they are almost
-    constant on each basin of attraction."""
+    constant on each basin of attraction. The largest number of each is 1."""
     left: Complex[Array | np.ndarray, "modes cells"]
     """Left eigenvectors: measures with `m P = value m`, which are large where mass gathers. The
     product of a measure and a function is 1 if both belong to the same mode, and 0 otherwise."""
@@ -57,6 +59,9 @@ def leading_modes(
 ) -> Modes:
     """Compute the leading eigenvalues of a chain, with right and left eigenvectors.
 
+    Leading eigenvalues are those with the largest real parts; of equal real parts, up to 1e-7, the
+    one with the larger modulus leads, and of conjugates the one with the positive imaginary part.
+
     A mode with eigenvalue `x` decays by a factor e in `-steps / log |x|` steps. Mass that leaves
     the space is lost: if the space has an open edge, even the first eigenvalue is less than 1.
 
@@ -68,7 +73,8 @@ def leading_modes(
     - `start`: the phase of the first step of a sequence of chains.
 
     **Returns:** the modes. The residual of the certificate is the largest 2-norm of
-    `P f - value f`, or of `m P - value m`, over eigenvectors of length 1.
+    `P f - value f`, or of `m P - value m`, over eigenvectors of length 1. If the matrix has fewer
+    eigenvectors, the rest are NaN, and the residual is `inf`.
 
     Two pairs of cells; in each step the chain moves to the other pair with probability 1/10:
 
@@ -102,18 +108,24 @@ def leading_modes(
 
 def _modes(matrices: _Matrices, count: int, exactly: bool) -> tuple[_Modes, tuple[int, float]]:
     window = Window(matrices)
-    functions = leading_subspace(window.pull, window.cells, count, symmetric=False)
+    functions = leading_subspace(window.pull, window.cells, count, symmetric=False, copies=True)
     vectors = functions.basis.shape[1]
-    measures = leading_subspace(window.push, window.cells, vectors, symmetric=False)
+    measures = leading_subspace(window.push, window.cells, vectors, symmetric=False, copies=True)
     values, inner = np.linalg.eig(functions.block)
-    order = np.argsort(-values.real, kind="stable")
+    order = leading_order(values)
     values, right = values[order], functions.basis @ inner[:, order]
-    right = right / right[np.abs(right).argmax(axis=0), np.arange(vectors)]
+    right = right / right[_largest(right.T), np.arange(vectors)]
     left = measures.basis @ np.linalg.pinv(right.T @ measures.basis)
+    splits = np.any(values[count - 1 : count].imag > 0)
+    kept = count + 1 if splits and not exactly else count
+    values, right, left = values[:kept], right[:, :kept], left[:, :kept]
     residual = max(_residual(window.pull, right, values), _residual(window.push, left, values))
-    if exactly:
-        values, right, left = values[:count], right[:, :count], left[:, :count]
     value, right, left = (np.asarray(v, complex) for v in (values, right.T, left.T))
+    if value.size < kept:
+        # A matrix with Jordan blocks has fewer eigenvectors than eigenvalues.
+        absent, residual = [(0, kept - value.size)], np.inf
+        value = np.pad(value, absent, constant_values=np.nan)
+        right, left = (np.pad(v, [*absent, (0, 0)], constant_values=np.nan) for v in (right, left))
     return (value, right, left), (functions.products + measures.products, residual)
 
 
@@ -149,10 +161,15 @@ def _change(modes: _Modes, steps: tuple[Chain, ...]) -> _Modes:
 
     function = solve(moved - change[:, None] * right, False)
     measure = solve(pushed - change[:, None] * left, True)
-    # The largest number of a function is 1.
-    most = jnp.argmax(jnp.abs(right), axis=1)[:, None]
+    most = _largest(right)[:, None]
     grown = jnp.take_along_axis(function, most, axis=1)
     return value + change, right + function - grown * right, left + measure + grown * left
+
+
+def _largest(functions: Any) -> Any:
+    """Return the cell where each function is 1: the first of those where it is largest."""
+    size = abs(functions)
+    return (size >= _LARGEST * size.max(axis=1, keepdims=True)).argmax(axis=1)
 
 
 def _pull(steps: tuple[Chain, ...], vectors: Any) -> Any:
@@ -184,6 +201,9 @@ def _bordered(
     ends = np.append(np.arange(cells), -1)
     found = np.empty(sides.shape, complex)
     for mode, each in enumerate(value):
+        if np.isnan(each):
+            found[mode] = np.nan
+            continue
         blocks: list[list[Any]] = [[None] * (steps + 2) for _ in range(steps + 2)]
         blocks[0][0], blocks[0][1] = -each * unit, unit
         blocks[0][-1], blocks[-1][0] = right[mode][:, None], left[mode][None]

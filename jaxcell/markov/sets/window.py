@@ -5,7 +5,7 @@ from typing import TypeAlias
 import numpy as np
 import scipy.linalg
 import scipy.sparse
-from jaxtyping import Float, Inexact
+from jaxtyping import Float, Inexact, Int
 from scipy.sparse import linalg
 
 from ...base.process import one_blas_thread
@@ -21,6 +21,8 @@ _MAX_DENSE = 200
 _SAME, _TOLERANCE, _SYMMETRIC_TOLERANCE = 1e-7, 1e-9, 1e-7
 # Tolerance of the search for missed eigenvalues; vectors shorter than its square count as 0.
 _ROUGH = 1e-4
+# Weight of the square of imaginary parts in the search among eigenvalues with equal real parts.
+_TILT = 0.1
 _MAX_RESTARTS = 2000
 _SEED = 0
 
@@ -100,7 +102,9 @@ class Subspace:
 
 
 @one_blas_thread()
-def leading_subspace(product: _Product, rows: int, count: int, *, symmetric: bool) -> Subspace:
+def leading_subspace(
+    product: _Product, rows: int, count: int, *, symmetric: bool, copies: bool = False
+) -> Subspace:
     """Compute the subspace of the leading eigenvalues with Arnoldi's or Lanczos's method.
 
     These methods find only one eigenvector of a multiple eigenvalue, such as 1 if several sets are
@@ -108,16 +112,20 @@ def leading_subspace(product: _Product, rows: int, count: int, *, symmetric: boo
     leading eigenvalue is left.
 
     `product` is a function that multiplies the matrix by columns. The subspace has `count`
-    dimensions, or one more to complete a conjugate pair.
+    dimensions, or one more to complete a conjugate pair. If `copies` is true, it also has the
+    eigenvectors that were found of eigenvalues equal to the last one, or to its conjugate.
     """
     if rows <= max(_MAX_DENSE, 2 * count + 2):
         matrix, products = product(np.eye(rows)), rows
         if symmetric:
             basis = np.linalg.eigh((matrix + matrix.T) / 2)[1][:, ::-1][:, :count]
         else:
-            basis = _real_basis(*np.linalg.eig(matrix), count)
+            basis = _real_basis(*np.linalg.eig(matrix), count, copies=copies)
     else:
         basis, products = _iterated(product, rows, count, symmetric=symmetric)
+        if basis.shape[1] > count:
+            within = np.linalg.eig(basis.T @ product(basis))
+            basis = basis @ _real_basis(*within, count, copies=copies)
     image = product(basis)
     block = basis.T @ image
     left = np.linalg.norm(image - basis @ block, axis=0)
@@ -138,31 +146,80 @@ def _iterated(
         image = product(vectors - within)
         return image - basis @ (basis.T @ image) - within
 
-    operator = linalg.LinearOperator(
-        (rows, rows), lambda v: across(v.reshape(rows, 1)), matmat=across, dtype=np.float64
-    )
     solve, which = (linalg.eigsh, "LA") if symmetric else (linalg.eigs, "LR")
     fine = _SYMMETRIC_TOLERANCE if symmetric else _TOLERANCE
 
-    def leading(wanted: int, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+    def leading(
+        wanted: int, tolerance: float, multiply: _Product = across
+    ) -> tuple[np.ndarray, np.ndarray]:
+        operator = linalg.LinearOperator(
+            (rows, rows), lambda v: multiply(v.reshape(rows, 1)), matmat=multiply, dtype=np.float64
+        )
         start, size = random.standard_normal(rows), min(rows, max(20, 3 * wanted))
         return solve(
             operator, wanted, v0=start, which=which, ncv=size, tol=tolerance, maxiter=_MAX_RESTARTS
         )
 
-    basis = _real_basis(*leading(count, fine), count)
+    basis, rest = _real_basis(*leading(count, fine), count), -np.inf
     for _ in range(count):
         least = np.linalg.eigvals(basis.T @ product(basis)).real.min() + _SAME
-        if leading(1, _ROUGH)[0].real.max() <= least:
+        rest = leading(1, _ROUGH)[0].real.max()
+        if rest <= least:
             break
         together = np.hstack([basis, _real_basis(*leading(1, fine), 1)])
         inner = np.linalg.eig(together.T @ product(together))
         basis = together @ _real_basis(*inner, count)
+    if symmetric:
+        return basis, products
+    # Of the eigenvalues that tie with the last one, those with the largest modulus are needed.
+    for _ in range(count):
+        values = np.linalg.eigvals(basis.T @ product(basis))
+        last = values[leading_order(values)][count - 1]
+        # Eigenvalues with the real part of the first one, the spectral radius, are equal to it.
+        if last.real >= values.real.max() - _SAME or rest <= last.real - 2 * _ROUGH:
+            break
+
+        def tilted(vectors: np.ndarray, level: float = last.real) -> np.ndarray:
+            """Multiply by `A - tilt (A - level)^2`: the largest imaginary part of a tie leads."""
+            moved = across(vectors)
+            across_level = moved - level * vectors
+            return moved - _TILT * (across(across_level) - level * across_level)
+
+        try:
+            more, vectors = leading(1, fine, tilted)
+        except linalg.ArpackNoConvergence:
+            break
+        if more.real.max() <= last.real + _TILT * last.imag**2 + _SAME:
+            break
+        basis = np.hstack([basis, _real_basis(more, vectors, 1)])
     return basis, products
 
 
-def _real_basis(values: np.ndarray, vectors: np.ndarray, count: int) -> np.ndarray:
+def leading_order(values: Inexact[np.ndarray, "values"]) -> Int[np.ndarray, "values"]:
+    """Sort eigenvalues by descending real part, and those that tie by descending modulus.
+
+    Real parts tie if they differ by at most 1e-7, so that rounding errors do not decide. Conjugate
+    values are neighbours, with the positive imaginary part first.
+    """
+    by_real = np.argsort(-values.real, kind="stable")
+    level = np.zeros(values.size, int)
+    level[by_real[1:]] = np.cumsum(np.diff(values.real[by_real]) < -_SAME)
+    # Copies of a pair are two pairs, each with both of its values.
+    copy = np.tril(values == values[:, None], -1).sum(axis=1)
+    imaginary = np.abs(values.imag)
+    keys = (-values.imag, copy, -values.real, -imaginary, -np.abs(values), level)
+    return np.lexsort(keys)
+
+
+def _real_basis(
+    values: np.ndarray, vectors: np.ndarray, count: int, *, copies: bool = False
+) -> np.ndarray:
     """Return a real orthonormal basis of the span of the leading eigenvectors."""
-    chosen = vectors[:, np.argsort(-values.real, kind="stable")[:count]]
+    order = leading_order(values)
+    if copies:
+        upper = (values.real + 1j * np.abs(values.imag))[order]
+        other = np.abs(upper[count:] - upper[count - 1]) > _SAME
+        count += int(np.argmax(np.append(other, True)))
+    chosen = vectors[:, order[:count]]
     # A complex eigenvector stands for its conjugate too.
     return scipy.linalg.orth(np.hstack([chosen.real, chosen.imag]), rcond=_ROUGH**2)
