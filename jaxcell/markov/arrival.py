@@ -9,6 +9,7 @@ import numpy.typing as npt
 from jaxtyping import Array, Bool, Float, Int
 
 from ..base.certificate import Numbers
+from ..base.divided import start_loop
 from ..base.precision import require_x64
 from ..base.wide import traced
 from ..mapping.generalized import Chain
@@ -172,7 +173,7 @@ def mean_product(value: Float[Array, "steps choices"], count: int) -> Float[Arra
 
     mean = jnp.zeros((count + 1, len(value))).at[0].set(1)
     columns = jnp.arange(1.0, value.shape[1] + 1), value.T
-    return jax.lax.scan(add, mean, columns)[0][-1]
+    return jax.lax.scan(add, start_loop(mean, value), columns)[0][-1]
 
 
 def _start(cells: int, robot: int, start: npt.ArrayLike | int) -> Float[Numbers, "cells"]:
