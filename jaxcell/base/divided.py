@@ -17,8 +17,13 @@ def start_loop(start: Any, *inputs: Any) -> Any:
 
     JAX demands that the values after each round are divided among devices as those at the start.
     """
-    none = sum(jnp.zeros_like(x, shape=()) for x in jax.tree.leaves(inputs))
-    return jax.tree.map(lambda x: x + none.astype(x.dtype), start)
+
+    def typed(value: Any) -> Any:
+        for x in jax.tree.leaves(inputs):
+            value = value + jnp.zeros_like(x, value.dtype, shape=())
+        return value
+
+    return jax.tree.map(typed, start)
 
 
 def of_members(array: Any, index: Any) -> Any:

@@ -224,7 +224,10 @@ def _draw_starts(
 ) -> Int[Array, "robots {runs}"]:
     """Draw a start cell for each robot and run from cumulative probabilities."""
     drawn = jax.random.uniform(key, (len(cumulative), runs), cumulative.dtype) * cumulative[:, -1:]
-    cell = jax.vmap(functools.partial(jnp.searchsorted, side="right"))(cumulative, drawn)
+    # JAX refuses the loop of its usual search if the axes of a mesh are explicit.
+    method = "sort" if jax.sharding.get_abstract_mesh().explicit_axes else "scan"
+    search = functools.partial(jnp.searchsorted, side="right", method=method)
+    cell = jax.vmap(search)(of_members(cumulative, drawn), of_members(drawn, cumulative))
     return cell.astype(jnp.int32)
 
 

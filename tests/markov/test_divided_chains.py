@@ -103,6 +103,15 @@ def chosen(p):
     return markov.policy_chain(model(p), jnp.where(p * weights > 0.4, 1, 0))
 
 
+def sized(p):
+    return (markov.limiting_distribution(chain(p), weights="size").value ** 2).sum()
+
+
+def seeded(p):
+    key = jax.random.key((100 * p).astype(int))
+    return markov.simulate_arrival(key, [chain(p)], [0], 2, runs=9).time.sum()
+
+
 def both(p):
     found = markov.limiting_distribution(chain(p))
     return found.value[0] + p * found.weights.sum() + found.leaving
@@ -121,21 +130,32 @@ def blind(p):
     return patrol.walks.blind_capture(rooms, [p * even + (1 - p) * np.eye(4)], 2).min()
 
 
+def weighted(p):
+    return patrol.random_walk(rooms, p * np.arange(4.0) + 1).push(np.eye(4)[0])[1]
+
+
 def mixed(p):
     columns = jnp.stack([p * weights, 1 - p * weights], axis=1)
     return optimize.mixture(columns, np.array([0.2, 0.4, 0.1])).distance
 
 
+def pair(p, starts):
+    # The second robot begins in cell 1, the first in a cell that depends on the member.
+    return [jnp.stack([p, 1 - p, 0 * p]), 1] if starts == "own" else starts
+
+
 def mean(starts):
-    return lambda p: markov.mean_first_arrival([chain(p)] * 2, starts, 2).value
+    return lambda p: markov.mean_first_arrival([chain(p)] * 2, pair(p, starts), 2).value
 
 
 def simulated(starts):
-    return lambda p: markov.simulate_arrival(key, [chain(p)] * 2, starts, 2, runs=9).time.sum()
+    return lambda p: markov.simulate_arrival(
+        key, [chain(p)] * 2, pair(p, starts), 2, runs=9
+    ).time.sum()
 
 
 def arrival(starts, chain=chain):
-    return lambda p: (markov.first_arrival([chain(p)] * 2, starts, 2, 5) ** 2).sum()
+    return lambda p: (markov.first_arrival([chain(p)] * 2, pair(p, starts), 2, 5) ** 2).sum()
 
 
 apart = markov.Distinct([0, 1])
@@ -144,9 +164,11 @@ functions = {
     "first_passage of a policy": lambda p: markov.first_passage(chosen(p), 0, 2, 5).sum(),
     "first_arrival": arrival([0, 1]),
     "first_arrival, distinct": arrival(apart),
+    "first_arrival, own starts": arrival("own"),
     "first_arrival of a policy": arrival([0, 1], chosen),
     "limiting_distribution": lambda p: (markov.limiting_distribution(chain(p)).value ** 2).sum(),
     "limiting_distribution, all": both,
+    "limiting_distribution, sizes": sized,
     "limiting_distribution of a policy": lambda p: markov.limiting_distribution(chosen(p)).value[0],
     "hitting_times of a policy": lambda p: markov.hitting_times(chosen(p), 2).value.sum(),
     "entropy_rate": lambda p: markov.entropy_rate(chain(p)),
@@ -160,10 +182,14 @@ functions = {
     "shortest_path": lambda p: markov.stochastic_shortest_path(model(p), 2).time.sum(),
     "walk_capture_probabilities": capture,
     "blind_capture": blind,
+    "random_walk": weighted,
     "mean_first_arrival": mean([0, 1]),
     "mean_first_arrival, distinct": mean(apart),
+    "mean_first_arrival, own starts": mean("own"),
     "simulate_arrival": simulated([0, 1]),
     "simulate_arrival, distinct": simulated(apart),
+    "simulate_arrival, own starts": simulated("own"),
+    "simulate_arrival, own keys": seeded,
     "push": lambda p: chosen(p).push(weights).sum(),
     "pull": lambda p: chosen(p).pull(weights).sum(),
     "dense.stationary": lambda p: dense.stationary(dense.matrix(chain(p)))[0],
@@ -210,5 +236,5 @@ def test_batches_are_right_if_no_type_tells_how_they_are_divided(found):
 
 def test_values_and_gradients_are_those_of_single_calls_if_types_tell_how_a_batch_is_divided():
     found = json.loads(python("-c", GRADIENTS)[0])
-    assert len(found) == 60
+    assert len(found) == 72
     assert set(map(tuple, found.values())) == {(2,)}
