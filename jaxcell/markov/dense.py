@@ -102,7 +102,7 @@ def _inverse(P: Float[Array, "cells cells"]) -> Float[Array, "cells cells"]:
     factors, _, order = jax.lax.linalg.lu(jnp.eye(cells, dtype=P.dtype) - P + 1 / cells)
     # JAX refuses `jnp.linalg.inv`, which takes rows of a constant, if the axes of a mesh are
     # explicit. The rest of it is the same.
-    rows = (order[:, None] == jnp.arange(cells, dtype=order.dtype)).astype(P.dtype)
+    rows = (order[:, None] == jnp.arange(cells, dtype=order.dtype)[None]).astype(P.dtype)
     lower = jax.lax.linalg.triangular_solve(
         factors, rows, left_side=True, lower=True, unit_diagonal=True
     )

@@ -89,7 +89,9 @@ def start_distribution(cells: int, start: Any) -> Any:
     if not array.size or not np.issubdtype(array.dtype, np.floating):
         mask = cell_mask(cells, array, "start")
         xp = namespace(mask)
-        return xp.where(mask.any(), 1 / xp.maximum(mask.sum(), 1), np.nan) * mask.astype(np.float64)
+        share = mask.astype(np.float64) * (1 / xp.maximum(mask.sum(), 1))
+        # XLA may compute a product of NaN and a mask as 0.
+        return xp.where(mask.any(), share, np.nan)
     if array.shape != (cells,):
         raise ValueError(f"start: expected {cells} probabilities, got shape {array.shape}")
     if not traced(array) and not (array.min() >= 0 and abs(array.sum() - 1) <= _ROUNDING):
