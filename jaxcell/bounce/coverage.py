@@ -11,6 +11,7 @@ import numpy.typing as npt
 from jaxtyping import Array, Float, Int
 
 from ..base.certificate import Certificate, Real
+from ..base.divided import on_device
 from ..base.precision import require_x64
 from ..base.quantities import PROBABILITY, Checks, Result, derived, from_part, quantity
 from ..base.wide import namespace
@@ -223,7 +224,7 @@ def coverage_policy(
         alpha=best.weights,
         coverage=each,
         mixture=best.value,
-        target=jax.device_put(wanted),
+        target=on_device(wanted),
         distance=best.distance,
         certificate=best.certificate,
         groups=tuple(groups),

@@ -11,6 +11,7 @@ import scipy.sparse
 from jaxtyping import Array, Bool, Float, Int
 
 from ..base import memory
+from ..base.divided import of_members
 from ..base.indices import as_array, check_indices
 from ..base.precision import require_x64
 from ..base.wide import traced, widened
@@ -156,7 +157,8 @@ class Chain:
 
         start = jnp.zeros_like(distribution * self.probability[0])
         later, _ = jax.lax.scan(add, start, (self.image, self.probability))
-        return later
+        # For the derivative, which looks up numbers.
+        return of_members(later, self.image)
 
     def pull(self, value: npt.ArrayLike) -> Float[Array, "cells"]:
         """Compute the expected value one step later, `P v`; the value of the sink is 0."""
@@ -170,6 +172,7 @@ class Chain:
 
         # Eight branches are unrolled to save memory traffic of the sums.
         branches = (self.image, self.probability)
+        value = of_members(value, self.image)
         start = jnp.zeros_like(value * self.probability[0])
         return jax.lax.scan(add, start, branches, unroll=8)[0]
 

@@ -1,6 +1,7 @@
 import dataclasses
 import functools
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -9,6 +10,7 @@ import numpy.typing as npt
 from jaxtyping import Array, Bool, Float, Int
 
 from ..base.certificate import Numbers
+from ..base.divided import start_loop
 from ..base.precision import require_x64
 from ..base.wide import traced
 from ..mapping.generalized import Chain
@@ -75,8 +77,7 @@ class Race:
                 raise ValueError(
                     f"starts: expected a start for each of {len(chains)} robots, got {len(starts)}"
                 )
-            xp = jnp if traced(starts) else np
-            start = xp.stack([_start(cells, robot, start) for robot, start in enumerate(starts)])
+            start = _rows([_start(cells, robot, start) for robot, start in enumerate(starts)])
         return cls(tuple(different.values()), robot_chain, start, cell_mask(cells, target))
 
     @property
@@ -173,7 +174,17 @@ def mean_product(value: Float[Array, "steps choices"], count: int) -> Float[Arra
 
     mean = jnp.zeros((count + 1, len(value))).at[0].set(1)
     columns = jnp.arange(1.0, value.shape[1] + 1), value.T
-    return jax.lax.scan(add, mean, columns)[0][-1]
+    return jax.lax.scan(add, start_loop(mean, value), columns)[0][-1]
+
+
+def _rows(each: list[Any]) -> Any:
+    if not traced(each):
+        return np.stack(each)
+    # JAX does not stack traced arrays and others if the axes of a mesh are explicit.
+    rows = jnp.zeros((len(each), *each[0].shape))
+    for number, row in enumerate(each):
+        rows = rows.at[number].set(row)
+    return rows
 
 
 def _start(cells: int, robot: int, start: npt.ArrayLike | int) -> Float[Numbers, "cells"]:

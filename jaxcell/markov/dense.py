@@ -94,8 +94,23 @@ def entropy_rate(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
     return jnp.sum(stationary(P) * jnp.sum(P * surprise, axis=1))
 
 
+@jax.custom_jvp
 def _inverse(P: Float[Array, "cells cells"]) -> Float[Array, "cells cells"]:
     # XLA merges equal operations, so a program that computes several quantities of a matrix inverts
     # it once. With jaxlib 0.10, two factorisations of a batch can wait for each other without end.
     cells = P.shape[-1]
-    return jnp.linalg.inv(jnp.eye(cells, dtype=P.dtype) - P + 1 / cells)
+    factors, _, order = jax.lax.linalg.lu(jnp.eye(cells, dtype=P.dtype) - P + 1 / cells)
+    # JAX refuses `jnp.linalg.inv`, which takes rows of a constant, if the axes of a mesh are
+    # explicit. The rest of it is the same.
+    rows = (order[:, None] == jnp.arange(cells, dtype=order.dtype)[None]).astype(P.dtype)
+    lower = jax.lax.linalg.triangular_solve(
+        factors, rows, left_side=True, lower=True, unit_diagonal=True
+    )
+    return jax.lax.linalg.triangular_solve(factors, lower, left_side=True)
+
+
+@_inverse.defjvp
+def _inverse_jvp(primals, tangents):  # type: ignore[no-untyped-def]
+    inverse = _inverse(*primals)
+    times = functools.partial(jnp.matmul, precision="highest")
+    return inverse, times(times(inverse, tangents[0]), inverse)

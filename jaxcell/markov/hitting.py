@@ -11,6 +11,7 @@ import scipy.sparse
 from jaxtyping import Array, Bool, Float, Int
 
 from ..base.certificate import Certificate, Solution
+from ..base.divided import on_device
 from ..base.indices import check_indices
 from ..base.precision import require_x64
 from ..base.wide import namespace, traced
@@ -73,7 +74,7 @@ def absorption(chain: Chain, group: Any, count: int, throw: bool) -> Absorption:
     if traced(chain, group):
         gain = jnp.zeros_like(value).at[-1].set(chain.leaving)
         value = jax.vmap(expected, (0, None, None, 0))(value, chain, group < 0, gain)
-    value = jax.device_put(value)
+    value = on_device(value)
     return Absorption(value[:-1], value[-1], certificate)
 
 
@@ -162,7 +163,7 @@ def _times_until_left(chain: Chain, inside: Any, others: Any, caller: str, throw
     certificate = Certificate(products, error, TOLERANCE)
     certificate.check(caller, throw)
     time = time + others
-    return Solution(jax.device_put(expected(time, chain, inside, 1.0)), certificate)
+    return Solution(on_device(expected(time, chain, inside, 1.0)), certificate)
 
 
 def _times(

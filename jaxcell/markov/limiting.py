@@ -10,6 +10,7 @@ import scipy.sparse
 from jaxtyping import Array, Float, Int
 
 from ..base.certificate import Certificate, Real
+from ..base.divided import of_members, on_device
 from ..base.indices import as_array
 from ..base.precision import require_x64
 from ..base.wide import traced
@@ -80,7 +81,7 @@ def limiting_distribution(
     certificate.check("limiting_distribution", throw)
     if traced(chain, groups, share):
         value = implicit(_change, value, (chain, group, share))
-    value, share = jax.device_put((value, share))
+    value, share = on_device((value, share))
     return LimitingDistribution(value, share, leaving, certificate)
 
 
@@ -141,7 +142,8 @@ def _change(value: Float[Array, "cells"], inputs: Any) -> Float[Array, "cells"]:
     inside = (group >= 0) & ~is_root
     visits = visits + solve(chain, inside, left - jax.lax.stop_gradient(left), adjoint=True)
     total = jax.ops.segment_sum(visits, place, rows + 1)
-    return jnp.where(group >= 0, visits / total[place] * jnp.append(share, 0.0)[place], 0.0)
+    total, share = (of_members(x, place)[place] for x in (total, jnp.pad(share, (0, 1))))
+    return jnp.where(group >= 0, visits / total * share, 0.0)
 
 
 def _weights(

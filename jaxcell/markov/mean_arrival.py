@@ -139,7 +139,9 @@ def _together(first: Chain, second: Chain) -> Chain:
     a, b = (x[:, None, :, None] for x in (first.image, first.probability))
     c, d = (x[None, :, None, :] for x in (second.image, second.probability))
     image, chance = a * second.cells + c, b * d
-    return Chain(image.reshape(slots, -1), chance.reshape(slots, -1))
+    # JAX merges one pair of axes of an array that is divided among devices, but not two at once.
+    image, chance = (x.reshape(slots, *x.shape[2:]).reshape(slots, -1) for x in (image, chance))
+    return Chain(image, chance)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

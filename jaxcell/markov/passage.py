@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, Bool, Float
 
+from ..base.divided import on_device, start_loop
 from ..base.precision import require_x64
 from ..base.wide import namespace, traced
 from ..mapping.generalized import Chain
@@ -44,7 +45,7 @@ def first_passage(
     check_steps(steps)
     distribution = start_distribution(chain.cells, start)
     there = cell_mask(chain.cells, target)
-    return _law(chain, *jax.device_put((distribution, there)), steps)
+    return _law(chain, *on_device((distribution, there)), steps)
 
 
 @functools.partial(jax.jit, static_argnames="steps")
@@ -62,7 +63,8 @@ def survivals(
         later = chain.pull(value) + (leaving + rounding * value)
         return jnp.where(there, 0.0, later), value
 
-    after, values = jax.lax.scan(step, value, length=steps)
+    start = start_loop(value, chain.probability, there)
+    after, values = jax.lax.scan(step, start, length=steps)
     return values, after
 
 
@@ -73,6 +75,7 @@ def _law(
     def step(now, _):  # type: ignore[no-untyped-def]
         return chain.push(jnp.where(there, 0.0, now)), jnp.sum(now, where=there)
 
+    start = start_loop(start, chain.probability, there)
     law = jax.lax.scan(step, start, length=steps + 1)[1]
     return jnp.where(there.any(), law, jnp.nan)
 

@@ -11,6 +11,7 @@ import scipy.sparse
 from jaxtyping import Array, Float, Int
 
 from ..base.certificate import Certificate, Real, Solution
+from ..base.divided import on_device
 from ..base.limits import MAX_VERTICES
 from ..base.precision import require_x64
 from ..base.wide import traced
@@ -268,7 +269,7 @@ def _hitting(chain: Chain, caller: str, throw: bool) -> Solution:
     certificate.check(caller, throw)
     if traced(chain):
         value = _derived(dense.hitting, value, chain)
-    return Solution(jax.device_put(value), certificate)
+    return Solution(on_device(value), certificate)
 
 
 def _between_all(

@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float, Int, UInt32
 
 from ..base import memory
 from ..base.certificate import Real
+from ..base.divided import of_members, start_loop
 from ..base.precision import require_x64
 from ..base.wide import host_array, namespace, traced
 from ..mapping.generalized import Chain
@@ -162,7 +163,10 @@ class _Tables:
         wide = bits.astype(jnp.uint64) * jnp.uint64(slots)
         entry = place * slots + (wide >> jnp.uint64(32)).astype(jnp.int32)
         within = wide.astype(jnp.uint32)
-        return jnp.where(within < self.part[entry], self.first[entry], self.second[entry])
+        part, first, second = (
+            of_members(x, entry)[entry] for x in (self.part, self.first, self.second)
+        )
+        return jnp.where(within < part, first, second)
 
 
 def _built(slots: int, _: tuple[()], *given: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -225,7 +229,10 @@ def _draw_starts(
 ) -> Int[Array, "robots {runs}"]:
     """Draw a start cell for each robot and run from cumulative probabilities."""
     drawn = jax.random.uniform(key, (len(cumulative), runs), cumulative.dtype) * cumulative[:, -1:]
-    cell = jax.vmap(functools.partial(jnp.searchsorted, side="right"))(cumulative, drawn)
+    # JAX refuses the loop of its usual search if the axes of a mesh are explicit.
+    method = "sort" if jax.sharding.get_abstract_mesh().explicit_axes else "scan"
+    search = functools.partial(jnp.searchsorted, side="right", method=method)
+    cell = jax.vmap(search)(of_members(cumulative, drawn), of_members(drawn, cumulative))
     return cell.astype(jnp.int32)
 
 
@@ -235,7 +242,7 @@ def _draw_distinct_starts(
 ) -> Int[Array, "{robots} {runs}"]:
     """Draw a set of different start cells from `choices` for each run, with Floyd's method."""
     size = choices.size
-    taken = jnp.full((robots, runs), -1, jnp.int32)
+    none = jnp.full((robots, runs), -1, jnp.int32)
 
     def take(robot, taken):  # type: ignore[no-untyped-def]
         last = size - robots + robot
@@ -243,7 +250,9 @@ def _draw_distinct_starts(
         again = jnp.any(taken == drawn[None, :], axis=0)
         return taken.at[robot].set(jnp.where(again, last, drawn))
 
-    return choices[jax.lax.fori_loop(0, robots, take, taken)]
+    taken = start_loop(none, jax.random.key_data(key))
+    taken = jax.lax.fori_loop(0, robots, take, taken)
+    return of_members(choices, taken)[taken]
 
 
 @jax.jit
@@ -270,17 +279,17 @@ def _walk(
 
     def move(state, bits):  # type: ignore[no-untyped-def]
         place, turn, step, time = state
-        arrived = jnp.any(tables.there[place], axis=0)
+        arrived = jnp.any(of_members(tables.there, place)[place], axis=0)
         ends = arrived | (step >= horizon)
         taken = jnp.where(arrived, step.astype(time.dtype), jnp.inf)
         now = (jnp.arange(turns, dtype=jnp.int32)[:, None] == turn[None, :]) & ends[None, :]
         time = jnp.where(now, taken[None, :], time)
         turn = turn + ends.astype(jnp.int32)
-        place = jnp.where(
-            ends[None, :], start[:, jnp.minimum(turn, turns - 1), lane], tables.step(place, bits)
-        )
+        other = of_members(start, turn)[:, jnp.minimum(turn, turns - 1), lane]
+        place = jnp.where(ends[None, :], other, tables.step(place, bits))
         return (place, turn, jnp.where(ends, 0, step + 1), time), None
 
     none = jnp.zeros(lanes, jnp.int32)
     state = (start[:, 0], none, none, jnp.zeros((turns, lanes)), jnp.int32(0))
+    state = start_loop(state, jax.random.key_data(key), tables, cells, horizon)
     return jax.lax.while_loop(going_on, chunk, state)[3].ravel()

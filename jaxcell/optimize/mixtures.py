@@ -8,6 +8,7 @@ import scipy.optimize
 from jaxtyping import Array, Float
 
 from ..base.certificate import Certificate, Real
+from ..base.divided import on_device
 from ..base.precision import require_x64
 from ..base.wide import traced
 from ..mapping.traced import implicit, like, on_host
@@ -71,8 +72,7 @@ def mixture(A: Any, b: Any, *, throw: bool = True) -> Mixture:
     certificate.check("mixture", throw)
     if traced(A, b):
         weights = implicit(_change, weights, (A, b))
-    # One by one: JAX cannot batch a `device_put` of several arrays, as a Hessian does.
-    weights, A = map(jax.device_put, (weights, A))
+    weights, A = on_device((weights, A))
     value = A @ weights
     distance = jnp.linalg.norm(value - b)
     return Mixture(weights, value, distance if traced(A, b) else float(distance), certificate)
@@ -102,7 +102,7 @@ def _change(weights: Any, inputs: Any) -> Float[Array, "columns"]:
     used = (weights > 0).astype(A.dtype)
     system = jnp.diag(1 - used) + used[:, None] * (A.T @ A) * used[None]
     bordered = jnp.block([[system, used[:, None]], [used[None], jnp.zeros((1, 1))]])
-    slope = jnp.append(used * (A.T @ (b - A @ weights)), 0.0)
+    slope = jnp.pad(used * (A.T @ (b - A @ weights)), (0, 1))
     change = jnp.linalg.solve(bordered, slope - jax.lax.stop_gradient(slope))
     return weights + change[:-1]
 

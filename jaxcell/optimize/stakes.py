@@ -1,10 +1,10 @@
 import dataclasses
 from typing import Any
 
-import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ..base.divided import on_device
 from ..base.wide import namespace
 
 
@@ -68,4 +68,4 @@ def payoffs(
     patroller = caught * given.get("rewards", vertices - place) + (1 - caught) * goods
     paid = -given["costs"] if "costs" in given else place + 1
     adversary = caught * paid + (1 - caught) * given.get("adversary_values", goods)
-    return jax.device_put((patroller, adversary))
+    return on_device((patroller, adversary))

@@ -10,6 +10,7 @@ import scipy.sparse.csgraph
 from jaxtyping import Array, Float, Int
 
 from ...base.certificate import Numbers
+from ...base.divided import start_loop
 from ...base.precision import require_x64
 from ...base.wide import host_array, traced
 from ...optimize import Graph
@@ -194,7 +195,8 @@ def _arrivals(
 
     # With no time left, a robot that is at the target has arrived.
     later = jnp.zeros((longest.size, *seen.shape), P.dtype).at[0].set(seen)
-    return jax.lax.scan(step, (later, jnp.zeros(seen.shape, P.dtype)), worth)[0][1]
+    start = start_loop((later, jnp.zeros(seen.shape, P.dtype)), P, seen, worth)
+    return jax.lax.scan(step, start, worth)[0][1]
 
 
 def states_at(states: int, vertices: int) -> Float[np.ndarray, "states vertices"]:

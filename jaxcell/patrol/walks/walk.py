@@ -32,7 +32,7 @@ def random_walk(graph: Graph, weights: Any = None) -> Chain:
         weights = np.ones(len(graph.edges))
     if traced(weights):
         image, edge = slots_of(graph.matrix(1.0 + np.arange(len(graph.edges))))
-        near = jnp.where(edge > 0, jnp.append(0.0, weights)[edge.astype(int)], 0.0)
+        near = jnp.where(edge > 0, jnp.pad(weights, (1, 0))[edge.astype(int)], 0.0)
         return Chain(image, near / jnp.sum(near, axis=0, keepdims=True))
     weights = one_each("weights", weights, len(graph.edges), "per edge", zero=True)
     matrix = graph.matrix(weights)
