@@ -237,7 +237,7 @@ def many_cells(name):
     """Make chains of 240 cells with many values that tie in their real parts."""
     rng = np.random.default_rng(3)
     if name == "split":
-        # Each of the six cells is split into 40, between which the chain draws anew.
+        # Each of the six cells is split into 40, between which the chain draws again.
         inner = np.tile(rng.dirichlet(np.ones(40)), (40, 1))
         return np.kron(six_cells(0.896).to_scipy().todense(), inner)
     if name == "copies":
