@@ -20,7 +20,7 @@ import scipy.stats
 from rows import Row, options, write_rows
 from timing import Timing, begin, header, line, take_turns, timed
 
-from jaxcell.patrol.lambda_distribution.fit import fit_gld
+from jaxcell.patrol.law.fit import fit_gld
 
 
 CONTINUOUS = {"normal": scipy.stats.norm(3, 2), "exponential": scipy.stats.expon(scale=5)}

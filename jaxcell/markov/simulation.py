@@ -112,8 +112,10 @@ def simulate_arrival(
     time = _walk(walking, _Tables.of(race), cells, np.int32(horizon))
     if traced(race.chains, race.start, race.there):
         numbers = race.start, [chain.probability for chain in race.chains]
-        wrong = [jnp.isnan(x).any() for x in jax.tree.leaves(numbers)]
-        time = jnp.where(race.there.any() & ~jnp.stack(wrong).any(), time, jnp.nan)
+        right: Any = race.there.any()
+        for each in jax.tree.leaves(numbers):
+            right &= ~jnp.isnan(each).any()
+        time = jnp.where(right, time, jnp.nan)
     return Arrivals(jax.device_put(host_array(time)[:runs]), horizon)
 
 

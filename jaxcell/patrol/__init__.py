@@ -15,7 +15,7 @@ The main names are in this package; the packages below contain all names, and de
 - `patrol.map`: robots with a limited view on the cells of a map. `cell_graph` joins the cells;
     `distributed_policies` and `capture_policies` compute walks; `capture_probabilities` computes
     the probability of capturing attacks; `vulnerability` also fits a law to simulated times.
-- `patrol.lambda_distribution`: the generalized lambda distribution `Gld` and its fit, `fit_gld`.
+- `patrol.law`: the generalized lambda distribution `Gld` and its fit, `fit_gld`.
 - `patrol.perimeter`: robots on a closed perimeter that all move by the tosses of one coin.
 
 The probability of capturing an attack that takes `t` steps follows from the probability `S_r(t)`

@@ -1,13 +1,13 @@
 from . import (
     files as files,
-    lambda_distribution as lambda_distribution,
+    law as law,
     map as map,
     perimeter as perimeter,
     team as team,
     walks as walks,
 )
 from .files import Graph as Graph, load_graph as load_graph, save_graph as save_graph
-from .lambda_distribution import Gld as Gld, fit_gld as fit_gld
+from .law import Gld as Gld, fit_gld as fit_gld
 from .map import (
     Attack as Attack,
     Capture as Capture,

@@ -54,7 +54,7 @@ CALLS = {
     "jaxcell.optimize.fastest_mixing": lambda matrix: optimize.fastest_mixing(
         EDGE, stationary=matrix[0]
     ),
-    "jaxcell.patrol.lambda_distribution.fit_gld": lambda matrix: patrol.fit_gld(matrix[0]),
+    "jaxcell.patrol.law.fit_gld": lambda matrix: patrol.fit_gld(matrix[0]),
     "jaxcell.patrol.map.vulnerability": lambda matrix: vulnerability(matrix[0, 0]),
     "jaxcell.patrol.walks.maximin_capture": lambda matrix: patrol.maximin_capture(EDGE, matrix[0]),
     "jaxcell.patrol.walks.minimum_kemeny": lambda matrix: patrol.walks.minimum_kemeny(

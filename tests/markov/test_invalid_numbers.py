@@ -134,7 +134,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_is_refused_has_no_value_in_a_program(name):
+def test_refused_numbers_have_no_value_in_a_program(name):
     call, right, wrong = REFUSED[name]
     with pytest.raises(ValueError, match=r"expected|does not exist|is not a whole|no action"):
         call(wrong)

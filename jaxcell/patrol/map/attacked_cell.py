@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
 from ...markov import Arrivals, first_arrival, simulate_arrival
 from ...optimize import Graph
-from ..lambda_distribution.fit import GldFit, fit_gld
+from ..law.fit import GldFit, fit_gld
 from ..team.times import check_vertex
 from .attack import Attack, boundary, check_policies
 from .policies import Policy

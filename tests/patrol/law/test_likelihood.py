@@ -4,8 +4,8 @@ import math
 import numpy as np
 import pytest
 
-from jaxcell.patrol.lambda_distribution.distribution import Gld
-from jaxcell.patrol.lambda_distribution.likelihood import Likelihood, law_through
+from jaxcell.patrol.law.distribution import Gld
+from jaxcell.patrol.law.likelihood import Likelihood, law_through
 
 
 POINT = np.array([3.0, 9.0])

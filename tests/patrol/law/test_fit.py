@@ -8,8 +8,8 @@ import scipy.stats
 from scipy.special import expit
 
 from jaxcell.base.certificate import Outcome
-from jaxcell.patrol.lambda_distribution.distribution import Gld
-from jaxcell.patrol.lambda_distribution.fit import fit_gld
+from jaxcell.patrol.law.distribution import Gld
+from jaxcell.patrol.law.fit import fit_gld
 
 
 SAMPLES = 5000

@@ -8,7 +8,7 @@ import scipy.optimize
 import scipy.stats
 from hypothesis import example, given, strategies as st
 
-from jaxcell.patrol.lambda_distribution.distribution import Gld, log_probability
+from jaxcell.patrol.law.distribution import Gld, log_probability
 
 
 SHAPES = st.one_of(
