@@ -37,7 +37,7 @@ def of_members(array: Any, index: Any) -> Any:
     return jnp.where(jnp.sum(index) * 0 == 0, array, jnp.zeros((), array.dtype))
 
 
-def on_device(values: Any) -> Any:
+def put_on_device(values: Any) -> Any:
     """Convert a tree of arrays to arrays of JAX; those that JAX traces remain as they are.
 
     The derivative of a traced `jax.device_put` would lose how an array is divided.

@@ -47,24 +47,21 @@ def wide(function: Callable[..., Any], name: str | None = None) -> Callable[...,
         # JAX is not imported here: some programs on a robot do not have it.
         jax: Any = sys.modules.get("jax")
         args, options = _each(_native, args), _each(_native, options)
-        if jax is None or jax.config.jax_enable_x64 or traced(args[creates:], options):
-            try:
-                return function(*args, **options)
-            except (TypeError, IndexError) as error:
-                # A user's function that is traced inside may raise such an error too.
-                of_jax = isinstance(error, OnHostError) or type(error).__module__ == "jax.errors"
-                if not (of_jax and _holds_traced((args, options))):
-                    raise
-                raise OnHostError(
-                    f"{name or function.__qualname__} reads the values of its arrays, on the host: "
-                    "call it outside jit, vmap and grad"
-                ) from error
-            except ModuleNotFoundError as error:
-                raise explained(error) from None
-        args, options = _each(_given, args), _each(_given, options)
         try:
+            if jax is None or jax.config.jax_enable_x64 or traced(args[creates:], options):
+                return function(*args, **options)
+            args, options = _each(_given, args), _each(_given, options)
             with jax.enable_x64(True):
                 result = function(*args, **options)
+        except (TypeError, IndexError) as error:
+            # A user's function that is traced inside may raise such an error too.
+            of_jax = isinstance(error, OnHostError) or type(error).__module__ == "jax.errors"
+            if not (of_jax and _holds_traced((args, options))):
+                raise
+            raise OnHostError(
+                f"{name or function.__qualname__} reads the values of its arrays, on the host: "
+                "call it outside jit, vmap and grad"
+            ) from error
         except ModuleNotFoundError as error:
             raise explained(error) from None
         kept = _kept(args[0] if creates else result)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from jaxtyping import Array, Float, Int
 
 from ..base.certificate import Certificate, Real
-from ..base.divided import on_device
+from ..base.divided import put_on_device
 from ..base.precision import require_x64
 from ..base.quantities import PROBABILITY, Checks, Result, derived, from_part, quantity
 from ..base.wide import namespace
@@ -224,7 +224,7 @@ def coverage_policy(
         alpha=best.weights,
         coverage=each,
         mixture=best.value,
-        target=on_device(wanted),
+        target=put_on_device(wanted),
         distance=best.distance,
         certificate=best.certificate,
         groups=tuple(groups),

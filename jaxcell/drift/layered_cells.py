@@ -2,6 +2,7 @@ import dataclasses
 import functools
 from collections.abc import Sequence
 
+import jax
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
@@ -147,8 +148,15 @@ class Sea:
 
 def _side_by_side(tides: Sequence[ChainSequence]) -> ChainSequence:
     """Combine sequences of chains over different cells into one sequence."""
-    phases = [
-        scipy.sparse.block_diag([tide.at(phase).to_scipy() for tide in tides])
-        for phase in range(tides[0].phases)
-    ]
-    return ChainSequence.of([*map(Chain.from_scipy, phases)])
+    branches = max(tide.image.shape[1] for tide in tides)
+    images, probabilities, start = [], [], 0
+    for tide in tides:
+        image = np.tile(np.arange(tide.cells, dtype=np.int32), (tide.phases, branches, 1))
+        probability = np.zeros(image.shape)
+        used = tide.image.shape[1]
+        image[:, :used], probability[:, :used] = tide.image, tide.probability
+        images.append(image + start)
+        probabilities.append(probability)
+        start += tide.cells
+    arrays = (np.concatenate(layers, axis=2) for layers in (images, probabilities))
+    return ChainSequence(*map(jax.device_put, arrays))

@@ -10,7 +10,7 @@ import scipy.sparse
 from jaxtyping import Float
 
 from ..base.certificate import Certificate, Solution
-from ..base.divided import on_device
+from ..base.divided import put_on_device
 from ..base.precision import require_x64
 from ..base.wide import traced
 from ..mapping.classes import reaching
@@ -59,7 +59,7 @@ def arrival_probabilities(
     value, inside, products, error = on_host(_arrivals, form, chain, there)
     certificate = Certificate(products, error, TOLERANCE)
     certificate.check("arrival_probabilities", throw)
-    solution = Solution(on_device(expected(value, chain, inside, 0.0)), certificate)
+    solution = Solution(put_on_device(expected(value, chain, inside, 0.0)), certificate)
     return with_moved(solution, chain, arrival_probabilities, there)
 
 
@@ -104,7 +104,7 @@ def conditional_hitting_times(
         product = expected(product, chain, inside, arrives)
         time = jnp.where(inside, product / arrives, time)
     return with_moved(
-        Solution(on_device(time), certificate), chain, conditional_hitting_times, there
+        Solution(put_on_device(time), certificate), chain, conditional_hitting_times, there
     )
 
 

@@ -11,7 +11,7 @@ import scipy.sparse
 from jaxtyping import Array, Float, Int
 
 from ..base.certificate import Certificate, Real, Whole
-from ..base.divided import on_device
+from ..base.divided import put_on_device
 from ..base.wide import traced
 from ..mapping.batch import Batch
 from ..mapping.generalized import Chain
@@ -116,7 +116,7 @@ def value_iteration(
     value, policy, rounds, residual = on_host(compute, form, *problem, many=many)
     certificate = Certificate(rounds, residual, float(tolerance))
     certificate.check("value_iteration", throw)
-    value, policy = on_device((value, policy))
+    value, policy = put_on_device((value, policy))
     if traced(problem):
         taken = policy[None] == jnp.arange(model.actions, dtype=policy.dtype)[:, None]
         gain = jnp.where(taken, model.reward, 0.0).sum(axis=0)

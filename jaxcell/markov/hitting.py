@@ -11,7 +11,7 @@ import scipy.sparse
 from jaxtyping import Array, Bool, Float, Int
 
 from ..base.certificate import Certificate, Solution
-from ..base.divided import on_device
+from ..base.divided import put_on_device
 from ..base.indices import check_indices
 from ..base.precision import require_x64
 from ..base.wide import namespace, traced
@@ -74,7 +74,7 @@ def absorption(chain: Chain, group: Any, count: int, throw: bool) -> Absorption:
     if traced(chain, group):
         gain = jnp.zeros_like(value).at[-1].set(chain.leaving)
         value = jax.vmap(expected, (0, None, None, 0))(value, chain, group < 0, gain)
-    value = on_device(value)
+    value = put_on_device(value)
     return Absorption(value[:-1], value[-1], certificate)
 
 
@@ -163,7 +163,7 @@ def _times_until_left(chain: Chain, inside: Any, others: Any, caller: str, throw
     certificate = Certificate(products, error, TOLERANCE)
     certificate.check(caller, throw)
     time = time + others
-    return Solution(on_device(expected(time, chain, inside, 1.0)), certificate)
+    return Solution(put_on_device(expected(time, chain, inside, 1.0)), certificate)
 
 
 def _times(
@@ -222,7 +222,7 @@ def common_cells(chains: Sequence[Chain], owner: str) -> int:
 def cell_mask(cells: int, listed: npt.ArrayLike | int, name: str = "target") -> Any:
     """Convert a cell, a list of cells, or a mask to a mask; error messages begin with `name`.
 
-    The mask of traced cells is empty if one of them does not exist.
+    If JAX traces the cells and one of them does not exist, the mask is empty.
     """
     if traced(listed):
         return _traced_mask(cells, listed, name)

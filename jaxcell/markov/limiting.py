@@ -10,7 +10,7 @@ import scipy.sparse
 from jaxtyping import Array, Float, Int
 
 from ..base.certificate import Certificate, Real
-from ..base.divided import of_members, on_device
+from ..base.divided import of_members, put_on_device
 from ..base.indices import as_array
 from ..base.precision import require_x64
 from ..base.wide import traced
@@ -81,7 +81,7 @@ def limiting_distribution(
     certificate.check("limiting_distribution", throw)
     if traced(chain, groups, share):
         value = implicit(_change, value, (chain, group, share))
-    value, share = on_device((value, share))
+    value, share = put_on_device((value, share))
     return LimitingDistribution(value, share, leaving, certificate)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, Bool, Float
 
-from ..base.divided import on_device, start_loop
+from ..base.divided import put_on_device, start_loop
 from ..base.precision import require_x64
 from ..base.wide import namespace, traced
 from ..mapping.generalized import Chain
@@ -45,7 +45,7 @@ def first_passage(
     check_steps(steps)
     distribution = start_distribution(chain.cells, start)
     there = cell_mask(chain.cells, target)
-    return _law(chain, *on_device((distribution, there)), steps)
+    return _law(chain, *put_on_device((distribution, there)), steps)
 
 
 @functools.partial(jax.jit, static_argnames="steps")

@@ -11,7 +11,7 @@ import scipy.sparse
 from jaxtyping import Array, Float, Int
 
 from ..base.certificate import Certificate, Real, Solution
-from ..base.divided import on_device
+from ..base.divided import put_on_device
 from ..base.limits import MAX_VERTICES
 from ..base.precision import require_x64
 from ..base.wide import traced
@@ -269,7 +269,7 @@ def _hitting(chain: Chain, caller: str, throw: bool) -> Solution:
     certificate.check(caller, throw)
     if traced(chain):
         value = _derived(dense.hitting, value, chain)
-    return Solution(on_device(value), certificate)
+    return Solution(put_on_device(value), certificate)
 
 
 def _between_all(

@@ -10,7 +10,7 @@ import scipy.sparse
 from jaxtyping import Array, Bool, Float, Int
 
 from ..base.certificate import Certificate
-from ..base.divided import on_device
+from ..base.divided import put_on_device
 from ..base.precision import require_x64
 from ..base.wide import traced
 from ..mapping.classes import reaching
@@ -91,7 +91,7 @@ def stochastic_shortest_path(
     probability, time, policy, sure, rounds, residual = on_host(_shortest, form, *arguments)
     certificate = Certificate(rounds, residual, TOLERANCE)
     certificate.check("stochastic_shortest_path", throw)
-    probability, time, policy, sure = on_device((probability, time, policy, sure))
+    probability, time, policy, sure = put_on_device((probability, time, policy, sure))
     if traced(arguments):
         # The best policy stays the best for small changes.
         inside = jnp.isfinite(time) & ~there

@@ -8,7 +8,7 @@ import scipy.optimize
 from jaxtyping import Array, Float
 
 from ..base.certificate import Certificate, Real
-from ..base.divided import on_device
+from ..base.divided import put_on_device
 from ..base.precision import require_x64
 from ..base.wide import traced
 from ..mapping.traced import implicit, like, on_host
@@ -72,7 +72,7 @@ def mixture(A: Any, b: Any, *, throw: bool = True) -> Mixture:
     certificate.check("mixture", throw)
     if traced(A, b):
         weights = implicit(_change, weights, (A, b))
-    weights, A = on_device((weights, A))
+    weights, A = put_on_device((weights, A))
     value = A @ weights
     distance = jnp.linalg.norm(value - b)
     return Mixture(weights, value, distance if traced(A, b) else float(distance), certificate)

@@ -4,7 +4,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..base.divided import on_device
+from ..base.divided import put_on_device
 from ..base.wide import namespace
 
 
@@ -68,4 +68,4 @@ def payoffs(
     patroller = caught * given.get("rewards", vertices - place) + (1 - caught) * goods
     paid = -given["costs"] if "costs" in given else place + 1
     adversary = caught * paid + (1 - caught) * given.get("adversary_values", goods)
-    return on_device((patroller, adversary))
+    return put_on_device((patroller, adversary))

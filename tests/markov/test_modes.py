@@ -179,7 +179,7 @@ def test_each_value_has_its_vectors_for_every_count(seed):
 
 @pytest.mark.parametrize("seed", range(0, 200, 5))
 def test_simple_values_have_derivatives_for_every_count(seed):
-    """Of each mode that the program returns, against the nearest value of a matrix nearby."""
+    """Derivatives are compared with differences between the modes of two matrices nearby."""
     P = small_matrix(seed)
     values, vectors = np.linalg.eig(P)
     distance = np.abs(values - values[:, None]) + 2 * np.eye(len(P))
