@@ -80,7 +80,7 @@ class Extent:
         if not self.gridded:
             # Slanted walls separate some directions that share a way on a grid, as measured.
             return min(self.directions, 32 + round(0.45 * self.directions))
-        if motion.collision != "endpoint" and length * directions > _MAX_CROSSED:
+        if length * directions > _MAX_CROSSED:
             ends = stencil(directions, Motion(length, "endpoint"), grid)
             inside = (np.abs(ends.offset) < grid).all(axis=1)[ends.way]
             return int(np.count_nonzero(inside)) + (not inside.all())

@@ -1,7 +1,7 @@
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import shapely
@@ -14,50 +14,83 @@ from .occupancy import in_squares
 from .segments import crossed_squares, meets_wall
 
 
+_Square: TypeAlias = tuple[int, int]
+# Squares of which all, and pairs of squares of which one has to be free.
+_Squares: TypeAlias = tuple[tuple[_Square, ...], tuple[tuple[_Square, _Square], ...]]
+# Centres near walls, and a mask of their blocked steps.
+_Blocked: TypeAlias = tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]
+
+
 @dataclasses.dataclass(frozen=True)
 class Rule:
     """A collision rule: the part of a step that has to stay in the closed free space.
 
-    To add a rule, add an entry to `RULES`, and its name to `Collision`.
+    To add a rule, add its `part` to `RULES`, and its name to `Collision`. Squares and blocked steps
+    follow from the part; a rule may have functions that find them faster.
     """
 
-    squares: Callable[[float, float, tuple[int, int]], tuple[tuple, tuple]]
-    "A function that returns the squares that have to be free, such as [`crossed_squares`][]."
-    blocked: Callable[..., tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]]
-    "A function that returns the centres near walls and their blocked steps, such as `_endpoint`."
     part: Callable[[Float[np.ndarray, "paths points 2"]], Any]
     "A function that returns the part of each path that has to be free, as shapely geometries."
+    quick_squares: Callable[[float, float, _Square], _Squares] | None = None
+    "A faster function in place of `squares`, such as [`crossed_squares`][], or `None`."
+    quick_blocked: Callable[..., _Blocked] | None = None
+    "A faster function in place of `blocked`, or `None`."
 
+    def squares(self, dx: float, dy: float, offset: _Square) -> _Squares:
+        """List the squares that have to be free for a step from the centre of a square.
 
-def _endpoint(
-    cells: CellSpace,
-    centres: Float[np.ndarray, "positions 2"],
-    steps: Float[np.ndarray, "directions 2"],
-    near: Int[np.ndarray, "pairs"],
-    wall: Int[np.ndarray, "pairs"],
-) -> tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]:
-    """Find the steps that end in an obstacle; `near` and the results are as in [`meets_wall`][]."""
-    near = np.unique(near)
-    closed = shapely.transform(
-        cells.room.free_space, lambda points: in_squares(points, cells.origin, cells.cell)
-    ).buffer(TOLERANCE, join_style="mitre")
-    shapely.prepare(closed)
-    ends = centres[near][:, None] + steps
-    return near, ~shapely.contains_xy(closed, ends[..., 0], ends[..., 1])
+        The arguments and the results are those of [`crossed_squares`][]. Of the two squares beside
+        an edge along which the part runs, one has to be free.
+        """
+        if self.quick_squares is not None:
+            return self.quick_squares(dx, dy, offset)
+        part = self.part(np.array([[(0.5, 0.5), (0.5 + dx, 0.5 + dy)]]))[0]
+        left, bottom, right, top = shapely.bounds(part)
+        rows = np.arange(math.floor(bottom) - 1, math.ceil(top) + 1)
+        columns = np.arange(math.floor(left) - 1, math.ceil(right) + 1)
+        row, column = map(np.ravel, np.meshgrid(rows, columns, indexing="ij"))
+        in_square = shapely.box(
+            column + TOLERANCE, row + TOLERANCE, column + 1 - TOLERANCE, row + 1 - TOLERANCE
+        )
+        met = shapely.intersects(in_square, part)
+        crossed = {offset, *zip(row[met].tolist(), column[met].tolist(), strict=True)}
+        beside = []
+        for up, across in ((0, 1), (1, 0)):
+            edges = np.stack([column + across, row + up, column + 1, row + 1], axis=1)
+            edges = shapely.buffer(shapely.linestrings(edges.reshape(-1, 2, 2)), TOLERANCE)
+            along = shapely.length(shapely.intersection(edges, part)) > 4 * TOLERANCE
+            for first in zip(row[along].tolist(), column[along].tolist(), strict=True):
+                beside.append((first, (first[0] + up, first[1] + across)))
+        return tuple(crossed), tuple(pair for pair in beside if crossed.isdisjoint(pair))
+
+    def blocked(
+        self,
+        cells: CellSpace,
+        centres: Float[np.ndarray, "positions 2"],
+        steps: Float[np.ndarray, "directions 2"],
+        near: Int[np.ndarray, "pairs"],
+        wall: Int[np.ndarray, "pairs"],
+    ) -> _Blocked:
+        """Find the steps that walls block; `near` and the results are as in [`meets_wall`][]."""
+        if self.quick_blocked is not None:
+            return self.quick_blocked(cells.walls, centres, steps, near, wall)
+        near = np.unique(near)
+        closed = shapely.transform(
+            cells.room.free_space, lambda points: in_squares(points, cells.origin, cells.cell)
+        ).buffer(TOLERANCE, join_style="mitre")
+        shapely.prepare(closed)
+        paths = centres[near][:, None, None] + np.stack([0 * steps, steps], axis=1)
+        parts = self.part(paths.reshape(-1, 2, 2)).reshape(paths.shape[:2])
+        return near, ~shapely.covers(closed, parts)
 
 
 RULES: dict[Collision, Rule] = {
-    "swept": Rule(
-        crossed_squares,
-        lambda cells, *near_walls: meets_wall(cells.walls, *near_walls),
-        shapely.linestrings,
-    ),
+    "swept": Rule(shapely.linestrings, crossed_squares, meets_wall),
     "endpoint": Rule(
-        lambda dx, dy, offset: ((offset,), ()),
-        _endpoint,
-        lambda paths: shapely.points(paths[:, -1]),
+        lambda paths: shapely.points(paths[:, -1]), lambda dx, dy, offset: ((offset,), ())
     ),
 }
+"The part of a step that has to be free, by the name of the rule."
 
 
 @dataclasses.dataclass(frozen=True)

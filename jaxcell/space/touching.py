@@ -24,10 +24,10 @@ def touching_steps(
 ) -> Bool[np.ndarray, "directions positions"]:
     """Compute a mask of the steps from the centres of cells that touch a wall, but are not blocked.
 
-    The mask is empty without the swept rule, and for more than `MOST_STEPS` cells.
+    The mask is empty for more than `MOST_STEPS` cells.
     """
     touches = np.zeros((cells.directions, cells.positions), bool)
-    if motion.collision != "swept" or touches.size > MOST_STEPS:
+    if touches.size > MOST_STEPS:
         return touches
     steps = Steps.of(cells, motion)
     walls = free_space_in_cells(cells).boundary
@@ -39,8 +39,8 @@ def touching_steps(
     for direction, touch in enumerate(touches):
         begin = centres[moved[direction]]
         step = displacement(direction, cells.directions, length)
-        paths = shapely.linestrings(np.stack([begin, begin + step], axis=1))
-        touch[moved[direction]] = shapely.dwithin(paths, walls, TOLERANCE)
+        parts = motion.rule.part(np.stack([begin, begin + step], axis=1))
+        touch[moved[direction]] = shapely.dwithin(parts, walls, TOLERANCE)
     return touches
 
 

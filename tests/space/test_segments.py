@@ -1,12 +1,15 @@
+import typing
+
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 from hypothesis.extra import numpy as hnp
 from random_rooms import cells_of, slanted_rooms
 from shapely import box
 
-from jaxcell.space import ENDPOINT, CellSpace, Motion, Workspace, free_steps, stencil
+from jaxcell.base.limits import Collision
+from jaxcell.space import ENDPOINT, CellSpace, Motion, Workspace, free_steps, motion, stencil
 from jaxcell.space.steps import Steps
 
 
@@ -16,21 +19,70 @@ def workspace_of(free):
     return Workspace(box(0, 0, *free.shape[::-1]), obstacles)
 
 
+@pytest.fixture(params=[*motion.RULES, "landing"])
+def rule(request, monkeypatch):
+    """The name of a rule; the last is that of a stranger, without quick functions."""
+    if request.param != "landing":
+        yield request.param
+        return
+    # The robot jumps over obstacles in the first half of its step.
+    landing = motion.Rule(lambda paths: shapely.linestrings((paths + paths[:, -1:]) / 2))
+    monkeypatch.setitem(motion.RULES, "swept", landing)
+    stencil.cache_clear()
+    yield "swept"
+    stencil.cache_clear()
+
+
+def test_names_in_the_help_are_those_of_the_rules():
+    assert list(motion.RULES) == list(typing.get_args(Collision))
+
+
+@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     hnp.arrays(bool, (4, 5), elements=st.sampled_from([True, True, False])).filter(np.any),
     st.sampled_from(
         [(4, 1.0), (8, 1.0), (8, 2.0), (12, 1.0), (12, 2.5), (20, 1.7), (8, 1.5 * 2**0.5)]
     ),
-    st.sampled_from(["swept", "endpoint"]),
 )
-def test_squares_and_walls_agree(free, scale, collision):
+def test_squares_and_walls_agree(rule, free, scale):
     directions, step = scale
     cells = CellSpace.of(workspace_of(free), 1.0, directions)
     assert cells.gridded
     np.testing.assert_array_equal(cells.free, free)
-    motion = Motion(step, collision)
-    steps = Steps.of(cells, motion)
-    np.testing.assert_array_equal(steps.targets(cells)[steps.way], free_steps(cells, motion))
+    steps = Steps.of(cells, Motion(step, rule))
+    expected = free_steps(cells, Motion(step, rule))
+    np.testing.assert_array_equal(steps.targets(cells)[steps.way], expected)
+
+
+@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    hnp.arrays(bool, (4, 5), elements=st.sampled_from([True, True, False])).filter(np.any),
+    st.sampled_from([(4, 1.0), (8, 1.0), (8, 2.0), (12, 2.5), (20, 1.7), (8, 1.5 * 2**0.5)]),
+)
+def test_a_rule_is_its_part_in_the_closed_free_space(rule, free, scale):
+    directions, step = scale
+    cells = CellSpace.of(workspace_of(free), 1.0, directions)
+    closed = shapely.union_all([box(x, y, x + 1, y + 1) for y, x in np.argwhere(free)])
+    # The swept rule also forbids to pass points where two obstacles meet.
+    points = [
+        (x + 1, y + 1)
+        for y, x in np.ndindex(3, 4)
+        if free[y, x] == free[y + 1, x + 1] != free[y, x + 1] == free[y + 1, x]
+    ]
+    pinches = shapely.MultiPoint(points)
+    targets = free_steps(cells, Motion(step, rule))
+    x, y, _ = cells.centre(np.arange(cells.positions))
+    for direction in range(directions):
+        angle = 2 * np.pi * direction / directions
+        ends = x + step * np.cos(angle), y + step * np.sin(angle)
+        paths = np.moveaxis(np.stack([(x, y), ends]), 2, 0)
+        parts = motion.RULES[rule].part(paths)
+        inside = shapely.covers(closed.buffer(1e-7, join_style="mitre"), parts)
+        for position in np.flatnonzero(shapely.distance(pinches, parts) > 1e-7 if points else x):
+            column, row = np.floor(np.round(paths[position, 1], 9)).astype(int)
+            on_map = 0 <= row < 4 and 0 <= column < 5 and free[row, column]
+            end = cells.position_of_square[row, column] if inside[position] and on_map else position
+            assert targets[direction, position] == end
 
 
 @pytest.mark.parametrize("blocked", [[], [(1, 2)], [(2, 1)], [(1, 2), (2, 1)]])
