@@ -5,8 +5,8 @@ import shapely
 import xarray as xr
 from hypothesis import strategies as st
 
+from jaxcell.currents.land import read_land
 from jaxcell.drift import Flow, SeaDrift, Water
-from jaxcell.drift.currents.land import read_land
 
 
 def sea(east, north, wet=None, *, dx=1000.0, dy=1000.0, angle=0.0, hours=1.0):

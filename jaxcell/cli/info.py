@@ -128,7 +128,7 @@ def _filter(path: Path) -> dict[str, Any]:
 
 
 def _netcdf(path: Path) -> dict[str, Any]:
-    from ..drift.currents.netcdf import open_netcdf
+    from ..currents.netcdf import open_netcdf
 
     with open_netcdf(path) as file:
         return _contents(file.dataset)

@@ -6,7 +6,7 @@ from .closed_sets import (
     coherent_sets as coherent_sets,
     nearly_closed_sets as nearly_closed_sets,
 )
-from .currents.ocean import open_currents as open_currents
+from .currents import open_currents as open_currents
 from .deployment import (
     CoverageCurve as CoverageCurve,
     Deployment as Deployment,

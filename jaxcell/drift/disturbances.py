@@ -5,7 +5,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from jaxtyping import Float, Int
 
-from .currents.sphere import turned
+from ..currents.sphere import turned
 from .water import NEIGHBORS, Water, square
 
 

@@ -10,7 +10,7 @@ from scipy.ndimage import correlate1d, distance_transform_edt
 
 from ..base.precision import require_x64
 from ..base.wide import traced
-from .currents.sphere import turned
+from ..currents.sphere import turned
 from .water import Water
 
 

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array, csgraph
 from scipy.spatial import cKDTree
 
-from .currents.sphere import EARTH_RADIUS, goes_round, on_sphere
+from ..currents.sphere import EARTH_RADIUS, goes_round, on_sphere
 
 
 # Water is connected along sides and at corners, because drifters move both ways.

@@ -1,5 +1,6 @@
 from .basin import Basins as Basins, basins as basins
-from .boundary.edges import EdgeStates as EdgeStates, edge_states as edge_states
+from .boundary.edge_states import EdgeStates as EdgeStates
+from .boundary.edges import edge_states as edge_states
 from .boundary.refinement import (
     Refined as Refined,
     refined as refined,

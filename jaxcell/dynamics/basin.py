@@ -1,7 +1,7 @@
 import dataclasses
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -15,15 +15,12 @@ from . import attractors as of_map
 from .answers import answer_of, kind_of, rounded
 from .arrival import mean_arrivals, means_over_cells
 from .batches import slices, totals
+from .boundary.edge_states import EdgeStates
 from .boundary.resolution import DOUBTFUL, Trial, tried
 from .imaging import OnBox, Say, changed_by_half_step, check_map, images_of_each, torn_axes
 from .maps import Flow, Map
 from .orbits import NONE, OUTSIDE, orbit_basins
 from .remarks import remarks_on
-
-
-if TYPE_CHECKING:
-    from .boundary.edges import EdgeStates
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -131,7 +128,7 @@ class Basins(OnBox):
     "Number of mappings outside the box after which a point counts as lost."
     map: Map | None = None
     "The map, kept because `trial` needs it; `None` for basins by orbits, or of several maps."
-    edges: "EdgeStates | None" = None
+    edges: EdgeStates | None = None
     "The edge states on boundaries of basins, or `None` if they were not computed."
 
     edge_first = from_part("edges.first", "edge", "attractor on one side", kind="index")

@@ -254,7 +254,7 @@ def test_the_mean_of_the_records_is_read_one_by_one(tmp_path, monkeypatch):
         wanted = there.mean("time").where(every.water)
         np.testing.assert_allclose(mean[component][0], wanted, rtol=0, atol=1e-15)
     # A file that does not fit is read as its mean if that is requested.
-    monkeypatch.setattr("jaxcell.drift.currents.netcdf.LARGEST_BYTES", 30_000)
+    monkeypatch.setattr("jaxcell.currents.netcdf.LARGEST_BYTES", 30_000)
     request = study.Drift(file=(tmp_path / "gap.nc",), depths=(0.0,))
     with pytest.raises(ValueError, match=r"GiB at most; .* or --current steady"):
         request.currents()

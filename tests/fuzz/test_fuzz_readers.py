@@ -14,7 +14,7 @@ from hypothesis import given, strategies as st
 from mutations import DATA, cases, changed_json, damaged, limits, place, reads_or_refuses
 from PIL import Image
 
-from jaxcell.drift.currents.land import read_land
+from jaxcell.currents.land import read_land
 from jaxcell.patrol import load_graph
 from jaxcell.robot.run_log import read_log
 from jaxcell.robot.tasks.files import load_task

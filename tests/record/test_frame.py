@@ -9,7 +9,7 @@ from recordings import read_back
 from seas import drift_of, land_of_the_channel, sea
 
 from jaxcell import drift
-from jaxcell.drift.currents.sphere import EARTH_RADIUS
+from jaxcell.currents.sphere import EARTH_RADIUS
 from jaxcell.record.drift.frame import (
     _coasts,
     _ticks,

@@ -1,1 +1,3 @@
-"""Reading the currents of ocean models and radars from NetCDF files."""
+"""The currents of the sea, which `jaxcell.currents` reads."""
+
+from ...currents.ocean import open_currents as open_currents

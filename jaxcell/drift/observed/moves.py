@@ -8,8 +8,8 @@ import numpy.typing as npt
 from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
+from ...currents.sphere import EARTH_RADIUS, goes_round, on_sphere, wrapped
 from ...mapping import Chain
-from ..currents.sphere import EARTH_RADIUS, goes_round, on_sphere, wrapped
 from ..water import Water
 from .trajectories import Trajectories
 

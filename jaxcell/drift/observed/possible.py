@@ -3,8 +3,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..currents.component import FASTEST_CURRENT
-from ..currents.sphere import EARTH_RADIUS, on_sphere
+from ...currents.component import FASTEST_CURRENT
+from ...currents.sphere import EARTH_RADIUS, on_sphere
 
 
 # The largest error of a position by satellite, in metres.

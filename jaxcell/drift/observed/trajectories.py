@@ -14,13 +14,13 @@ from jaxtyping import Bool, Float, Int
 from ...base.doubts import Doubt
 from ...base.paths import replacing
 from ...base.process import library_writes
-from ..currents.axes.times import SECONDS
-from ..currents.component import FASTEST_CURRENT
-from ..currents.conventions import Role, find
-from ..currents.netcdf import OceanFile
-from ..currents.parquet import write_parquet
-from ..currents.sources import Source, open_source, paths_of, source_name
-from ..currents.sphere import wrapped
+from ...currents.axes.times import SECONDS
+from ...currents.component import FASTEST_CURRENT
+from ...currents.conventions import Role, find
+from ...currents.netcdf import OceanFile
+from ...currents.parquet import write_parquet
+from ...currents.sources import Source, open_source, paths_of, source_name
+from ...currents.sphere import wrapped
 from .possible import possible_observations
 
 

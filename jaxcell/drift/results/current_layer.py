@@ -8,8 +8,8 @@ from jaxtyping import Float, Int
 
 from ...base.formatting import in_time
 from ...base.quantities import Result, derived, from_part
+from ...currents.holes import MOST, holes
 from ...mapping import Chain, ChainSequence
-from ..currents.holes import MOST, holes
 from ..drift_step import METHODS, DriftStep
 from ..flow import Flow
 from ..layered_cells import Sea

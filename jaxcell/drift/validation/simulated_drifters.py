@@ -6,11 +6,11 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, Float, Int
 
+from ...currents.sphere import turned
 from ...mapping import Chain, ChainSequence
 from ...mapping.sequence import as_sequence
 from ...markov.hitting import cell_mask
 from ..advection import drifted
-from ..currents.sphere import turned
 from ..drift_step import DriftStep
 from ..flow import Flow, nearest_square
 from ..water import Water

@@ -8,9 +8,9 @@ import rerun as rr
 from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
+from ...currents.land import read_land
+from ...currents.sphere import EARTH_RADIUS, on_sphere, wrapped
 from ...drift import Water
-from ...drift.currents.land import read_land
-from ...drift.currents.sphere import EARTH_RADIUS, on_sphere, wrapped
 from ..canvas.marks import log_arrows, log_labels, log_lines
 from ..canvas.palette import TEXT, Color
 

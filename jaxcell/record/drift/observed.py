@@ -3,8 +3,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Float
 
+from ...currents.sphere import EARTH_RADIUS
 from ...drift import ObservedDrift
-from ...drift.currents.sphere import EARTH_RADIUS
 from ..canvas.marks import log_lines
 from ..canvas.palette import CLEAR, Color
 from ..canvas.prose import Spec, described, made_with

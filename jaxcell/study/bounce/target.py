@@ -8,7 +8,7 @@ from jaxtyping import Float
 from PIL import UnidentifiedImageError
 
 from ...bounce.coverage import coverage_target
-from ...drift.currents.netcdf import open_netcdf
+from ...currents.netcdf import open_netcdf
 from ...space import CellSpace
 from ...space.maps.images import read_image
 

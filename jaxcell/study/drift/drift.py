@@ -264,7 +264,7 @@ class Drift(SeaStudy):
 # Cached, because all members of a sweep read the same currents.
 @functools.lru_cache(maxsize=8)
 def _currents(file: tuple[Path, ...], options: tuple[tuple[str, Any], ...]) -> "xr.Dataset":
-    from ...drift.currents.netcdf import TooLargeError
+    from ...currents.netcdf import TooLargeError
 
     named = dict(options)
     try:

@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
-from ...base import memory
+from ..base import memory
 
 
 LARGEST_BYTES = 4 * 2**30

@@ -9,9 +9,9 @@ from drift.products import RHO, refused, write
 from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
+from jaxcell.currents.models.roms import SLevels, at_height, to_centres
+from jaxcell.currents.netcdf import OceanFile
 from jaxcell.drift import open_currents
-from jaxcell.drift.currents.models.roms import SLevels, at_height, to_centres
-from jaxcell.drift.currents.netcdf import OceanFile
 
 
 ROWS, COLUMNS, LEVELS, RECORDS = 6, 8, 5, 2

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 import xarray as xr
 
-from ...base.paths import ADDRESS, existing
+from ..base.paths import ADDRESS, existing
 from .axes.dimensions import axis_kind
 from .conventions import find
 from .netcdf import OceanFile, error_line, open_netcdf, open_undecoded, unwarned

@@ -5,8 +5,8 @@ import pytest
 import xarray as xr
 from drift import products
 
+from jaxcell.currents.sphere import overlapping_columns
 from jaxcell.drift import Water, open_currents
-from jaxcell.drift.currents.sphere import overlapping_columns
 
 
 ROWS, COLUMNS = 4, 12

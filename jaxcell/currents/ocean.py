@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Shaped
 
-from ...base.doubts import Doubt
+from ..base.doubts import Doubt
 from .axes.depths import choose_layers
 from .axes.times import When, choose_records, record_times
 from .fields import Field, FieldReader

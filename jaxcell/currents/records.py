@@ -10,7 +10,7 @@ from jaxtyping import Int, Shaped
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
-from ...base.doubts import Doubt
+from ..base.doubts import Doubt
 from .axes.dimensions import axis_kind
 from .axes.times import read_times, time_variable
 from .netcdf import OceanFile

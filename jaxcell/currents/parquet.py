@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 import xarray as xr
 
-from ...base.optional_modules import import_module
+from ..base.optional_modules import import_module
 from .netcdf import error_line
 
 

@@ -12,7 +12,7 @@ from hypothesis import given, strategies as st
 from jaxcell.drift import open_currents
 
 
-DATA = Path(__file__).parents[3] / "data" / "ocean"
+DATA = Path(__file__).parents[2] / "data" / "ocean"
 FORMATS = ("NETCDF4", "NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET")
 LON, LAT = -118.0 + 0.01 * np.arange(6), 33.5 + 0.01 * np.arange(5)
 DEPTH, HOURS = np.array([0.0, 5.0, 10.0]), np.arange(4)

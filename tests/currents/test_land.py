@@ -14,8 +14,8 @@ from seas import land_of_the_channel, sea, water_and_flow
 from jaxcell import drift
 from jaxcell.base.formatting import format_value
 from jaxcell.base.quantities import quantities
+from jaxcell.currents.land import read_land
 from jaxcell.drift import open_currents
-from jaxcell.drift.currents.land import read_land
 from jaxcell.drift.maps import EDGES, EXITS
 
 

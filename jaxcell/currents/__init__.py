@@ -1,0 +1,1 @@
+"""Reading the currents of ocean models and radars from NetCDF files."""
