@@ -188,7 +188,7 @@ def quantities(result: type) -> dict[str, Quantity]:
 
 
 def values(
-    result: Any, wanted: Callable[[Quantity], bool] = lambda _: True
+    result: Any, wanted: Callable[[str, Quantity], bool] = lambda *_: True
 ) -> dict[str, tuple[Quantity, Any]]:
     """Compute the quantities of a result that `wanted` selects and that are not `None`.
 
@@ -197,7 +197,7 @@ def values(
     """
     named_values = {}
     for name, one in quantities(type(result)).items():
-        value = getattr(result, name) if wanted(one) else None
+        value = getattr(result, name) if wanted(name, one) else None
         if value is not None:
             named_values[name] = one, _stored(value)
     return named_values
@@ -227,7 +227,7 @@ def summarized(result: Any) -> dict[str, tuple[Quantity, Any]]:
     """Compute the quantities in a result's summary: single numbers, lists, and table columns."""
     return values(
         result,
-        lambda one: (
+        lambda _, one: (
             not one.dims or one.listed or (len(one.dims) == 1 and one.dims[0] in result.tables)
         ),
     )

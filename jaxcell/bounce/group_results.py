@@ -1,6 +1,6 @@
 import dataclasses
 import functools
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Annotated, ClassVar, TypeAlias
 
 import numpy as np
@@ -232,8 +232,29 @@ class RoomGroups(BounceGroups):
             >>> room.longest_period.tolist(), room.filter_states.tolist()
             ([10, 6], [14, 8])
         """
+        numbers = cls.numbers(free[None], bounce, directions, motion=motion)
+        del numbers["positions"]
+        own = {name: number[0] for name, number in numbers.items()}
+        return cls(CellSpace.of_grid(free, directions), motion, bounce, **own)
+
+    @staticmethod
+    def numbers(
+        free: Bool[np.ndarray, "rooms rows columns"],
+        bounce: Float[np.ndarray, "angles"],
+        directions: int,
+        *,
+        motion: Motion = CELL_BY_CELL,
+        wanted: Callable[[str], bool] = lambda _: True,
+    ) -> dict[str, Int[np.ndarray, "rooms angles"]]:
+        """Compute the wanted quantities that are numbers, for many rooms at once.
+
+        `wanted` returns whether a quantity is wanted, from its name. The other arguments are those
+        of `of_room`, with masks of rooms of one shape.
+        """
         shift, which = np.unique(bounce_shift(bounce, directions), return_inverse=True)
-        known = walls(free[None], directions, motion=motion)
-        totals = [*_totals(wall_groups(known, shift)), heading_filter_sizes(known, shift)[0]]
-        cells = CellSpace.of_grid(free, directions)
-        return cls(cells, motion, bounce, *(total[which] for total in totals))
+        known = walls(free, directions, motion=motion)
+        numbers = dict(vars(wall_groups(known, shift)))
+        if wanted("filter_states"):
+            numbers["filter_states"] = heading_filter_sizes(known, shift)
+        numbers["positions"] = np.repeat(free.sum(axis=(1, 2))[:, None], len(shift), axis=1)
+        return {name: number[:, which] for name, number in numbers.items() if wanted(name)}

@@ -2,14 +2,14 @@ import contextlib
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 from .. import verify as verification
 from ..base.bundled import with_path
 from ..base.paths import digest, existing, files_read, name_in_results
-from ..base.quantities import Result
+from ..base.quantities import Quantity, Result, values
 from ..base.wide import widened
 from .parameters import Unit, check, inside, parameters, within, without_effect
 
@@ -20,6 +20,15 @@ if TYPE_CHECKING:
 
 Say: TypeAlias = Callable[..., None]
 """A function that reports work and its progress, such as `say("mapping", 3, 10)` for 3 of 10."""
+
+
+Wanted: TypeAlias = Callable[[str], bool]
+"""A function that takes the name of a quantity, and returns whether it is wanted."""
+
+
+def every(name: str) -> bool:
+    """Want all quantities."""
+    return True
 
 
 def silent(doing: str, done: int = 0, total: int = 0) -> None:
@@ -48,9 +57,9 @@ class Study:
     "Name of the task in specifications of sweeps; empty for a study that is not a built-in task."
     one_of: ClassVar[tuple[str, ...]] = ()
     "Parameters, at least one of which is needed."
-    batch: ClassVar[str | None] = None
-    """Name of a parameter with several values, which is also a dimension of the result. Members of
-    a sweep that differ only in this parameter run as one study."""
+    varied: ClassVar[tuple[str, ...]] = ()
+    """Parameters of single numbers. Members of a sweep that differ only in them are computed
+    together, by `numbers`."""
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -74,6 +83,18 @@ class Study:
         `RuntimeError` if there is no answer.
         """
         raise NotImplementedError
+
+    def numbers(
+        self, columns: Mapping[str, "np.ndarray"], wanted: Wanted = every
+    ) -> dict[str, tuple[Quantity, "np.ndarray"]]:
+        """Compute the quantities of many studies that are single numbers.
+
+        **Arguments:** for parameters in `varied`, arrays with a value for each study; in the other
+        parameters the studies are equal to this one; and a function that returns whether a quantity
+        is wanted, from its name. **Returns:** for each quantity, keyed by its name, its description
+        and an array with a number for each study, or the number that they share.
+        """
+        return scalars(self.run(), (), wanted)
 
     def check_files(self) -> None:
         """Raise `FileNotFoundError` if a file among the parameters is missing."""
@@ -136,6 +157,35 @@ class Study:
     def verify(self, result: Any) -> "Sequence[verification.Comparison]":
         """Compute parts of a result independently with other libraries, and compare them."""
         return []
+
+
+def scalars(
+    result: Result, dims: tuple[str, ...], wanted: Wanted = every
+) -> dict[str, tuple[Quantity, "np.ndarray"]]:
+    """Return the wanted quantities of a result that are numbers, or numbers along `dims`."""
+    import numpy as np
+
+    described = values(
+        result,
+        lambda name, about: (
+            about.dims in ((), dims) and about.kind != "coordinate" and wanted(name)
+        ),
+    )
+    arrays = {name: (about, np.asarray(value)) for name, (about, value) in described.items()}
+    return {name: one for name, one in arrays.items() if one[1].dtype.kind in "biuf"}
+
+
+def one_each(
+    parameter: str, columns: Mapping[str, "np.ndarray"], own: Sequence[float | int]
+) -> "np.ndarray":
+    """Return a parameter's value in each study, which is `own` where it is not in `columns`."""
+    import numpy as np
+
+    if parameter in columns:
+        return columns[parameter]
+    if len(own) != 1:
+        raise ValueError(f"{parameter}: expected one value for each member, got {len(own)}")
+    return np.asarray(own)
 
 
 @functools.cache

@@ -21,7 +21,7 @@ from .design import SALTELLI, Parameter, check_name, read_parameters
 
 _PARAMETERS = ("grid", "list", "random")
 _TABLES = ("fixed", *_PARAMETERS)
-_FIELDS = ("task", "seed", "chunk", *_TABLES)
+_FIELDS = ("task", "seed", "chunk", "results", *_TABLES)
 _CHUNK = 64
 # The driver keeps a record per chunk.
 _MAX_CHUNKS = 1_000_000
@@ -69,6 +69,8 @@ class Spec:
     task: str
     "The name of a task, or `module:function`."
     seed: int
+    results: tuple[str, ...]
+    "The names of the quantities to compute; if empty, all numbers of the study."
     fixed: Mapping[str, Any]
     "Values of parameters that all members share."
     parameters: tuple[Parameter, ...]
@@ -109,6 +111,9 @@ class Spec:
         seed = document.get("seed", 0)
         if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed < 2**63:
             raise ValueError(f"seed: expected an integer from 0 to 2^63 - 1, got {seed!r}")
+        results = document.get("results", [])
+        if not isinstance(results, list) or not all(isinstance(name, str) for name in results):
+            raise ValueError(f"results: expected a list of names, got {reprlib.repr(results)}")
         tables = {name: document.get(name, {}) for name in _TABLES}
         for name, table in tables.items():
             if not isinstance(table, dict):
@@ -121,7 +126,8 @@ class Spec:
                 raise ValueError(f"fixed.{name} is also a parameter; give only one of the two")
         sizes = {parameter.dimension: parameter.values.size for parameter in parameters}
         lengths = _chunk_lengths(document.get("chunk", _CHUNK), sizes)
-        spec = cls(path, folder, text, document, task, seed, fixed, parameters, lengths)
+        about = task, seed, tuple(results), fixed
+        spec = cls(path, folder, text, document, *about, parameters, lengths)
         if spec.chunk_count > _MAX_CHUNKS:
             raise ValueError(
                 f"chunk: {spec.chunk_count} chunks for {spec.members} members; expected at most "

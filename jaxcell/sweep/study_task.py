@@ -1,15 +1,16 @@
 """Run a study as the task of a sweep, with different parameters for each member."""
 
 import dataclasses
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 import numpy as np
 
-from ..base.quantities import Quantity, Result, values
+from ..base.quantities import Quantity
 from ..study import Study
+from ..study.study import every
 
 
 if TYPE_CHECKING:
@@ -46,73 +47,94 @@ def read_study(study: type[Asked], parameters: Mapping[str, Any]) -> Asked:
         raise ValueError(str(error)) from None
 
 
+def member_study(study: type[Asked], parameters: Mapping[str, Any], seed: int) -> Asked:
+    """Create the study of a member, by default with the seed of the sweep."""
+    seeded = any(field.name == "seed" for field in dataclasses.fields(study))
+    return read_study(study, {"seed": seed, **parameters} if seeded else parameters)
+
+
 def study_task(
-    study: type[Study], batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int
+    study: type[Study],
+    batch: Mapping[str, np.ndarray],
+    fixed: Mapping[str, Any],
+    seed: int,
+    results: Sequence[str] = (),
 ) -> "xr.Dataset":
     """Compute the scalar quantities of a study for each member of a batch.
 
-    Members that differ only in the parameter that `Study.batch` names are computed together.
+    `results` are the names of the quantities, by default all. Members that differ only in
+    parameters in `Study.varied` are computed together.
     """
     import xarray as xr
 
-    members = studies(study, batch, fixed, seed)
-    rows: list[dict[str, tuple[Quantity, Any]]] = [{}] * len(members)
-    for together in _together(study, members):
-        for i, row in zip(together, _rows([members[i] for i in together]), strict=True):
-            rows[i] = row
+    members = len(next(iter(batch.values()))) if batch else 1
+    found: dict[str, tuple[Quantity, list[tuple[np.ndarray, np.ndarray]]]] = {}
+    for rows, one, columns in _together(study, batch, fixed, seed, members):
+        numbers = one.numbers(columns, results.__contains__ if results else every)
+        for name, (about, value) in numbers.items():
+            found.setdefault(name, (about, []))[1].append((rows, value))
+    if missing := [name for name in results if name not in found]:
+        raise ValueError(
+            f"results: {study.__name__} has no number {missing[0]!r}; without `results` a sweep "
+            "has all of them"
+        )
     dataset = xr.Dataset()
-    # If a member does not have a number, NaN stands in its place.
-    for name, about in {name: row[name][0] for row in rows for name in row}.items():
+    for name, (about, parts) in found.items():
+        # If a member does not have a number, NaN stands in its place.
+        whole = sum(rows.size for rows, _ in parts) == members
+        kind = np.result_type(*(value for _, value in parts), *([] if whole else [float]))
+        column = np.zeros(members, kind) if whole else np.full(members, np.nan)
+        for rows, value in parts:
+            column[rows] = value
         attributes = {"long_name": about.meaning, "units": about.units or "1"}
-        column = [row[name][1] if name in row else np.nan for row in rows]
-        dataset[name] = ("member", np.array(column), attributes)
+        dataset[name] = ("member", column, attributes)
     return dataset
 
 
-def studies(
-    study: type[Asked], batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int
-) -> list[Asked]:
-    """Create the study of each member of a batch, by default with the seed of the sweep."""
-    names = {field.name for field in dataclasses.fields(study)}
-    fixed = {"seed": seed, **fixed} if "seed" in names and "seed" not in batch else dict(fixed)
-    columns = [column.tolist() for column in batch.values()]
-    rows = zip(*columns, strict=True) if columns else [()]
-    return [read_study(study, {**fixed, **dict(zip(batch, row, strict=True))}) for row in rows]
+def check_members(
+    study: type[Study], batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int
+) -> None:
+    """Raise `ValueError` for a wrong parameter of a member."""
+    _together(study, batch, fixed, seed, len(next(iter(batch.values()))) if batch else 1)
 
 
-def _together(study: type[Study], members: Sequence[Study]) -> list[list[int]]:
-    """Group the indices of the members that can be computed together, as one study."""
-    if study.batch is None:
-        return [[i] for i in range(len(members))]
-    alike: dict[Hashable, list[int]] = {}
-    for i, member in enumerate(members):
-        names = (field.name for field in dataclasses.fields(study) if field.name != study.batch)
-        alike.setdefault(tuple(getattr(member, name) for name in names), []).append(i)
-    return list(alike.values())
+def _together(
+    study: type[Asked],
+    batch: Mapping[str, np.ndarray],
+    fixed: Mapping[str, Any],
+    seed: int,
+    members: int,
+) -> list[tuple[np.ndarray, Asked, dict[str, np.ndarray]]]:
+    """Group the members that can be computed together.
 
-
-def _rows(alike: Sequence[Study]) -> list[dict[str, tuple[Quantity, Any]]]:
-    batch = alike[0].batch
-    if batch is None:
-        return [_numbers(one.run(), ()) for one in alike]
-    several = tuple(value for one in alike for value in getattr(one, batch))
-    numbers = _numbers(dataclasses.replace(alike[0], **{batch: several}).run(), (batch,))
-    return [
-        {
-            name: (about, value[i] if about.dims else value)
-            for name, (about, value) in numbers.items()
-        }
-        for i in range(len(alike))
+    **Returns:** for each group the indices of its members, the study of the first, and the columns
+    of the parameters in which the others differ from it.
+    """
+    varied = {
+        name: batch[name]
+        for name in study.varied
+        if name in batch and batch[name].dtype.kind in "iuf"
+    }
+    codes = [
+        np.unique(column, return_inverse=True)[1]
+        for name, column in batch.items()
+        if name not in varied
     ]
-
-
-def _numbers(result: Result, dims: tuple[str, ...]) -> dict[str, tuple[Quantity, Any]]:
-    """Select the quantities of a result that are numbers, or numbers along `dims`."""
-    described = values(
-        result, lambda about: about.dims in ((), dims) and about.kind != "coordinate"
-    )
-    arrays = {name: (about, np.asarray(value)) for name, (about, value) in described.items()}
-    return {name: one for name, one in arrays.items() if one[1].dtype.kind in "biuf"}
+    kind = np.zeros(members, np.intp)
+    if codes:
+        kind = np.unique(np.stack(codes), axis=1, return_inverse=True)[1].reshape(-1)
+    order = np.argsort(kind, kind="stable")
+    groups = []
+    for rows in np.split(order, np.flatnonzero(np.diff(kind[order])) + 1):
+        of_first = {name: column[rows[0]].item() for name, column in batch.items()}
+        one = member_study(study, {**fixed, **of_first}, seed)
+        columns = {name: column[rows] for name, column in varied.items()}
+        # Bounds are intervals, so all values are within them if the extremes are.
+        for name, column in columns.items():
+            for extreme in np.sort(column)[[0, -1]].tolist():
+                member_study(study, {**fixed, **of_first, name: extreme}, seed)
+        groups.append((rows, one, columns))
+    return groups
 
 
 def _path(kind: type, value: Any) -> Any:

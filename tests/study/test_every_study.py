@@ -185,12 +185,11 @@ def test_member_of_a_sweep_has_the_single_numbers(case, name):
     study, result, _, _, _ = case(name)
     given = {key: plain(getattr(study, key)) for key in parameters(type(study))}
     changed = {key: one for key, one in given.items() if getattr(study, key) != default(study, key)}
-    batch = {}
-    if study.batch is not None:
-        batch[study.batch] = np.array(changed.pop(study.batch))
+    columns = np.broadcast_arrays(*(changed.pop(name) for name in study.varied))
+    batch = {name: np.atleast_1d(one) for name, one in zip(study.varied, columns, strict=True)}
     member = study_task(type(study), batch, changed, seed=getattr(study, "seed", 0))
-    dims = () if study.batch is None else (study.batch,)
-    for key, (about, value) in values(result, lambda one: one.dims in ((), dims)).items():
+    dims = ("bounce",) if "bounce" in study.varied else ()
+    for key, (about, value) in values(result, lambda _, one: one.dims in ((), dims)).items():
         kind = np.asarray(value).dtype.kind
         if about.kind == "coordinate" or kind not in "biuf" or "seconds" in key:
             continue

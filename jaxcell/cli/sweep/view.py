@@ -104,10 +104,10 @@ def member_detail(
 ) -> dict[str, Any]:
     """Run the study of a member again, print its tables, record it, and return a summary."""
     from ...base.runtime import configure_jax
-    from ...sweep.study_task import studies
+    from ...sweep.study_task import member_study
 
     configure_jax()
-    (question,) = studies(study, {}, parameters, seed)
+    question = member_study(study, parameters, seed)
     with progress(study.command or study.name) as say:
         result = question.run(say)
     spec = question.spec(result)

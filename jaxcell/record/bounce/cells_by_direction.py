@@ -59,7 +59,9 @@ def save_cells(
     with replacing(path) as temporary:
         numbers = {
             name: (about.dims, array, attributes_of(about))
-            for name, (about, array) in values(result, lambda one: one.dims == ("bounce",)).items()
+            for name, (about, array) in values(
+                result, lambda _, one: one.dims == ("bounce",)
+            ).items()
         }
         title = provenance(result.title, cells, spec)
         variables = xr.Dataset(numbers, cell_coordinates(cells), title).set_coords("bounce_deg")

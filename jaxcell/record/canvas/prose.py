@@ -62,7 +62,7 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[object]], most: int = 
 
 def numbers(result: Result, cells: CellSpace | None = None) -> str:
     """Format the single numbers and texts of a result, if any, as a table in Markdown."""
-    singles, cells = values(result, lambda about: not about.dims), cells or cells_of(result)
+    singles, cells = values(result, lambda _, about: not about.dims), cells or cells_of(result)
     rows = [(about.meaning, format_value(value, about, cells)) for about, value in singles.values()]
     return table(("quantity", "value"), rows) if rows else ""
 

@@ -123,7 +123,7 @@ def _flat(result: Result) -> dict[str, tuple[Quantity, Any]]:
 
 def _along(dim: str, members: tuple[Result, ...]) -> dict[str, tuple[Quantity, np.ndarray]]:
     """Combine each single number of several results into an array along the dimension `dim`."""
-    rows = [values(member, lambda about: not about.dims) for member in members]
+    rows = [values(member, lambda _, about: not about.dims) for member in members]
     return {
         f"{dim}_{name}": (
             dataclasses.replace(about, dims=(dim,)),

@@ -1,12 +1,18 @@
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ... import bounce as bouncing, record, space, verify as verification
 from ..map_study import MapStudy
 from ..parameters import Degrees
-from ..study import Say, radians, silent
+from ..study import Say, Wanted, every, one_each, radians, scalars, silent
+
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ...base.quantities import Quantity
 
 
 MAX_AT_ONCE = 20_000_000
@@ -25,7 +31,7 @@ class Groups(MapStudy):
     command: ClassVar[str] = "groups"
     example: ClassVar[str] = "@lab_a --bounce 45 90 135"
     task: ClassVar[str] = "groups"
-    batch: ClassVar[str | None] = "bounce"
+    varied: ClassVar[tuple[str, ...]] = ("bounce",)
 
     bounce: tuple[Degrees, ...]
     """Bouncing angles in degrees, counter-clockwise."""
@@ -48,6 +54,18 @@ class Groups(MapStudy):
         cells = self.cells()
         say(f"mapping {len(self.bounce)} x {cells.size:,} cells")
         return bouncing.BounceGroups.of(cells, radians(self.bounce), motion=self.motion)
+
+    def numbers(
+        self, columns: "Mapping[str, np.ndarray]", wanted: Wanted = every
+    ) -> "dict[str, tuple[Quantity, np.ndarray]]":
+        import numpy as np
+
+        angle, which = np.unique(one_each("bounce", columns, self.bounce), return_inverse=True)
+        result = dataclasses.replace(self, bounce=tuple(angle.tolist())).run()
+        return {
+            name: (about, value[which] if about.dims else value)
+            for name, (about, value) in scalars(result, ("bounce",), wanted).items()
+        }
 
     def write(self, result: Any, out: Path) -> None:
         if not self.at_once(result):

@@ -1,12 +1,21 @@
 import dataclasses
-from typing import Annotated, Any, ClassVar, Literal, TypeAlias
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
 from ... import bounce as bouncing
 from ...base.limits import Collision
 from ..parameters import Degrees, Limit, WholeNumber
-from ..study import Say, Study, radians, silent
+from ..study import Say, Study, Wanted, every, one_each, radians, silent
 
 
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ...base.quantities import Quantity
+
+
+# Squares of the rooms whose walls are in memory at once.
+_SQUARES = 200_000
 _Side: TypeAlias = Annotated[int, Limit(ge=1, le=10_000)]
 
 
@@ -19,7 +28,7 @@ class Rooms(Study):
 
     name: ClassVar[str] = "room"
     task: ClassVar[str] = "rooms"
-    batch: ClassVar[str | None] = "bounce"
+    varied: ClassVar[tuple[str, ...]] = ("room", "bounce")
 
     room: WholeNumber
     """Number of the room, from 0."""
@@ -51,10 +60,46 @@ class Rooms(Study):
         return place(self.seed, self.environment, self.room).free
 
     def run(self, say: Say = silent) -> "bouncing.RoomGroups":
-        motion = bouncing.Motion(collision=self.collision)
         return bouncing.RoomGroups.of_room(
-            self.free(), radians(self.bounce), self.directions, motion=motion
+            self.free(), radians(self.bounce), self.directions, motion=self._motion
         )
+
+    @property
+    def _motion(self) -> "bouncing.Motion":
+        return bouncing.Motion(collision=self.collision)
+
+    def numbers(
+        self, columns: "Mapping[str, np.ndarray]", wanted: Wanted = every
+    ) -> "dict[str, tuple[Quantity, np.ndarray]]":
+        import numpy as np
+
+        from ...base.quantities import quantities
+
+        given = one_each("room", columns, (self.room,)), one_each("bounce", columns, self.bounce)
+        room, bounce = np.broadcast_arrays(*given)
+        each, of_room = np.unique(room, return_inverse=True)
+        # Rooms with other angles are computed one after the other.
+        product = each.size * np.unique(bounce).size <= 2 * room.size
+        together = max(1, _SQUARES // self.free().size) if product else 1
+        by_room = np.argsort(of_room, kind="stable")
+        first = np.searchsorted(of_room[by_room], np.arange(0, each.size, together))
+        found: dict[str, np.ndarray] = {}
+        for rows in np.split(by_room, first[1:]):
+            number, at_room = np.unique(room[rows], return_inverse=True)
+            angle, at_angle = np.unique(bounce[rows], return_inverse=True)
+            rooms = [dataclasses.replace(self, room=one).free() for one in number.tolist()]
+            numbers = bouncing.RoomGroups.numbers(
+                np.stack(rooms),
+                np.radians(angle),
+                self.directions,
+                motion=self._motion,
+                wanted=wanted,
+            )
+            for name, values in numbers.items():
+                column = found.setdefault(name, np.empty(room.size, values.dtype))
+                column[rows] = values[at_room, at_angle]
+        described = quantities(bouncing.RoomGroups)
+        return {name: (described[name], column) for name, column in found.items()}
 
     def headline(self, spec: dict[str, Any]) -> str:
         return f"Room {self.room} of seed {self.seed}"

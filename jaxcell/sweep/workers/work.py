@@ -20,7 +20,7 @@ from ...study.loading import load_object
 from ...study.study import about
 from ..design import LIST_DIMENSION
 from ..spec import Chunk, Spec
-from ..study_task import studies, study_task
+from ..study_task import check_members, study_task
 
 
 if TYPE_CHECKING:
@@ -52,12 +52,14 @@ class Job:
     length: int = 0
     """The minimum number of members in a call of the task: if the job has fewer, the last member is
     repeated. It is the same for all whole chunks, so that JAX compiles a task only once."""
+    results: tuple[str, ...] = ()
+    "The names of the quantities to compute, by default all."
 
     @classmethod
     def of(cls, spec: Spec, chunk: Chunk, wide: bool) -> "Job":
         places, length = np.arange(math.prod(chunk.shape)), math.prod(spec.lengths.values())
         about = spec.task, spec.batch(chunk), spec.fixed, spec.seed, wide
-        return cls(chunk.number, places, *about, length)
+        return cls(chunk.number, places, *about, length, spec.results)
 
     def part(self, places: np.ndarray) -> "Job":
         """Create a job for those members of this job whose indices in the chunk are `places`."""
@@ -118,8 +120,11 @@ class Failure:
     "The end of the traceback; empty if there is none."
 
 
-def find_task(name: str) -> Task:
-    """Find the function of a task by its name in a specification."""
+def find_task(name: str, results: tuple[str, ...] = ()) -> Task:
+    """Find the function of a task by its name in a specification.
+
+    `results` are the names of the wanted quantities of a study, by default all.
+    """
     reference = name
     if ":" not in name:
         from ..tasks import TASKS
@@ -132,7 +137,9 @@ def find_task(name: str) -> Task:
     with about("task"):
         target = load_object(reference)
     if isinstance(target, type) and issubclass(target, Study):
-        return functools.partial(study_task, target)
+        return functools.partial(study_task, target, results=results)
+    if results:
+        raise ValueError(f"results: expected a study as the task, got the function {name!r}")
     if not callable(target):
         raise ValueError(f"task: {name!r}: expected a function, got {type(target).__name__}")
     return target
@@ -151,7 +158,7 @@ def prepared(spec: Spec) -> Spec:
     try:
         spec = with_task_found(spec)
         if (study := study_of(spec.task)) is not None:
-            studies(study, spec.batch(spec.chunk(0)), spec.fixed, spec.seed)
+            check_members(study, spec.batch(spec.chunk(0)), spec.fixed, spec.seed)
         return with_files_found(spec)
     except ValueError as error:
         raise ValueError(f"{spec.path}: {error}") from error
@@ -210,7 +217,7 @@ def compute(job: Job) -> Computed | Failed:
     try:
         # Set the variable too, because the task may import JAX later.
         os.environ[_WIDE] = str(int(job.wide))
-        task = find_task(job.task)
+        task = find_task(job.task, job.results)
         if (jax := sys.modules.get("jax")) is not None and jax_is_wide() != job.wide:
             jax.config.update("jax_enable_x64", job.wide)
         members = job.places.size
