@@ -8,7 +8,7 @@ from jaxtyping import Array, Float, Int
 
 from ..space import CELL_BY_CELL, CellSpace, Motion
 from .dynamics import bounce_shift, moves as moves_of
-from .joint import JointImage, joint_orbits, squares_of
+from .joint_image import JointImage, joint_orbits, squares_of
 from .trajectory import TeamOutcome, TeamTrajectory
 
 

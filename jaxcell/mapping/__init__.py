@@ -13,9 +13,16 @@ map until the cell is in its group (Hsu 1980; Alam 2018, Definitions 2.3.1 to 2.
     the step of z      is the least s >= 0 for which C^s(z) is periodic.
 
 Groups are numbered from 0 in the order of their smallest cells. `periodic_groups` finds them, and
-works under `jit` and `vmap`. On a CPU it visits one cell after another in a compiled loop (Alg.
-2.1, time `O(N)`). On an accelerator it squares the map repeatedly, `C, C^2, C^4, ...`, which is
-`O(N log N)` work in `O(log N)` rounds, each over all cells at once.
+works under `jit` and `vmap`. There are six ways to find them, each the fastest for its case:
+
+- a compiled loop over the cells (`walk`, Alg. 2.1, time `O(N)`): maps on a CPU, and batches;
+- first the removal of cells without preimage (`peel`): large maps on a CPU with many such cells;
+- repeated squaring, `C, C^2, C^4, ...` (`groups`, work `O(N log N)` in `O(log N)` rounds, each over
+  all cells at once): maps on an accelerator;
+- the first-return map to a section (`section`): one large map with a section that is far smaller;
+- the walls of a bouncing robot as the section, one angle at a time
+  (`jaxcell.bounce.BounceGroups.by_angle`): groups of maps that do not fit in memory;
+- totals from wall to wall, without groups (`jaxcell.bounce.wall_groups`): many angles and rooms.
 
 **Sections.** A *section* is a set of cells that every orbit visits, such as the cells where a robot
 bumps. The first-return map to the section has the same groups as the whole map. Together with the

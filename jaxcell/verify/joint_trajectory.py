@@ -6,7 +6,7 @@ import shapely
 from jaxtyping import Bool, Float, Int
 
 from ..bounce import CELL_BY_CELL, Motion, TeamTrajectory
-from ..bounce.joint import squares_of
+from ..bounce.joint_image import squares_of
 from ..mapping import SimpleMap
 from .bounce import compare_straight
 from .comparison import Comparison, sample

@@ -10,7 +10,7 @@ from oracles.rays import INSIDE, Rays
 
 from jaxcell.base.bundled import bundled
 from jaxcell.bounce import bounce_map, localization_filter, localization_policy
-from jaxcell.bounce.joint import squares_of
+from jaxcell.bounce.joint_image import squares_of
 from jaxcell.bounce.localization import off_centre
 from jaxcell.bounce.localization.off_centre import OffCentre, filter_shares, policy_shares
 from jaxcell.bounce.localization.offsets import Offsets

@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 from random_rooms import grids
 
 from jaxcell.bounce import TeamOutcome, bounce_map, moves, team_trajectories, team_trajectory
-from jaxcell.bounce.joint import joint_image, joint_orbits, squares_of
+from jaxcell.bounce.joint_image import joint_image, joint_orbits, squares_of
 from jaxcell.space import CellSpace, Motion
 
 

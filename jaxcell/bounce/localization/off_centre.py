@@ -18,7 +18,7 @@ from ...space.occupancy import TOLERANCE
 from ...space.segments import displacement
 from ...space.strides import stride_legs
 from ...space.touching import free_space_in_cells
-from ..joint import squares_of
+from ..joint_image import squares_of
 
 
 STARTS = 1_000

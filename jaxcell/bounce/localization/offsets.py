@@ -25,7 +25,7 @@ from ...base.quantities import derived
 from ...mapping import SimpleMap
 from ...space import CELL_BY_CELL, CellSpace, Motion
 from ..dynamics import bounce_shift
-from ..joint import squares_of
+from ..joint_image import squares_of
 from .off_centre import OffCentre, Shares, filter_shares, walker_path
 from .other_rooms import MOST_CELLS, filter_agreement
 from .result import Evidence, LocalizationFilter
