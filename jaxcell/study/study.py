@@ -2,7 +2,7 @@ import contextlib
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
@@ -48,6 +48,8 @@ class Study:
     "Name of the task in specifications of sweeps; empty for a study that is not a built-in task."
     one_of: ClassVar[tuple[str, ...]] = ()
     "Parameters, at least one of which is needed."
+    headings: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    "Parameters under each heading of the help page; the others are in its first part."
     batch: ClassVar[str | None] = None
     """Name of a parameter with several values, which is also a dimension of the result. Members of
     a sweep that differ only in this parameter run as one study."""
@@ -150,6 +152,21 @@ def about(parameter: str) -> Iterator[None]:
         yield
     except ValueError as error:
         raise ValueError(f"{parameter}: {error}") from None
+
+
+@contextlib.contextmanager
+def renamed(**parameters: str) -> Iterator[None]:
+    """Let a `ValueError` about an argument of a function name the parameter of the study instead.
+
+    `parameters` are the names of parameters by the names of arguments.
+    """
+    try:
+        yield
+    except ValueError as error:
+        name, colon, message = str(error).partition(":")
+        if name not in parameters:
+            raise
+        raise ValueError(f"{parameters[name]}{colon}{message}") from None
 
 
 def numbers(parameter: str, text: str, count: int, expected: str) -> list[float]:

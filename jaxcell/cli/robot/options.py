@@ -24,10 +24,9 @@ class RunOptions(Printing):
     """The options of a run of a task on a robot."""
 
     file: tyro.conf.Positional[Path]
-    """Task to run: the filter.jxf, policy.jxf or belief.jxb of `jaxcell localize --out`, the
-    anywhere.json of `jaxcell localize` or `navigate` with --anywhere --out, the summary.json of
-    `jaxcell navigate --out`, the team.json of `jaxcell team --out`, or the patrol.json of `jaxcell
-    patrol map --out`."""
+    """Task to run, from the folder --out of a command: filter.jxf or policy.jxf (localize),
+    belief.jxb (localize slip), anywhere.json (localize anywhere, navigate anywhere), summary.json
+    (navigate), team.json (team), or patrol.json (patrol map)."""
     robot: int | None = None
     """Number of the robot in its team or patrol, by default 0. Each robot needs its own process."""
     port: str | None = None
