@@ -8,7 +8,7 @@ from helpers import python
 from jaxcell.cli import main
 from jaxcell.cli.app import COMMANDS, read
 from jaxcell.cli.help import example
-from jaxcell.study.parameters import parameters
+from jaxcell.study.parameters import conditions, parameters
 
 
 def page(capsys, *args):
@@ -35,6 +35,18 @@ def test_a_page_of_help_marks_required_options_and_has_an_example(capsys, comman
         assert nothing not in said
     # Required options come before options with a default.
     assert "(required)" not in panels(said)["options"].partition("(default:")[2]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_first_panel_of_options_has_at_most_12(capsys, command):
+    options = panels(page(capsys, *command.split(), "--help"))["options"]
+    assert len(re.findall(r"^(?:│ |  )--\w", options, re.MULTILINE)) <= 12
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_an_option_has_at_most_two_conditions(command):
+    for name, alternatives in conditions(COMMANDS[command]).items():
+        assert sum(len(each.values) for each in alternatives) <= 2, name
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -103,7 +103,7 @@ patrol graph @eight --charger 2
 patrol graph @eight --charger 2 --every 2
     --every: expected at least 4 steps, to the farthest vertex and back, got 2
 patrol graph @eight --robots 2 --division shared --emphasis 1 2
-    --division: it has an effect only with --robots and without --vertex, --emphasis, ...
+    --division: a part of the graph may lack vertices of --emphasis
 patrol graph apart.adjlist
     apart.adjlist: no walk leads from vertex 'a' to 'c'; expected a connected graph
 patrol graph deep.gml
@@ -136,8 +136,8 @@ run stones
     stones: expected FILE.py:CLASS or MODULE:CLASS
 robot run a.jxf
     expected one of --port, --ros or --simulate
-robot run a.jxf --simulate @lab_a --physics --noise 0.1
-    --noise: it has an effect only with --simulate and without --physics
+robot run a.jxf --simulate @lab_a --physics --errors slip=10%
+    --errors: it has an effect only with --simulate and without --physics
 robot run a.jxf --ros base --steps clock
     --steps: it has an effect only without --ros
 robot run a.jxf --ros base --port x

@@ -54,7 +54,7 @@ def test_a_robot_that_slips_chooses_among_its_angles(capsys, tmp_path, room):
     for observation, turn in zip(answer["word"], turned[1:].tolist(), strict=True):
         state = belief.observe(state, int(observation))
         assert state.turn == (None if turn < 0 else turn)
-    words = "--simulate", room, "--seed 4 --heading 0 --noise 0.02 --speedup 1000 --out", again
+    words = "--simulate", room, "--seed 4 --heading 0 --errors slip=2% --speedup 1000 --out", again
     status, driven, _ = run(capsys, "robot run", out / "belief.jxb", *words)
     assert status == 0
     status, replayed, _ = run(capsys, "robot", "replay", again / "run.jsonl")
