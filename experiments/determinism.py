@@ -51,9 +51,9 @@ COMMANDS = {
     "groups": ["groups", LAB, "--bounce", "45", "90", "135"],
     "groups of slanted walls": ["groups", str(DATA / "maps" / "cafe.json"), "--bounce", "90"],
     "localize": ["localize", LAB, "--bounce", "135", "--seed", "3"],
-    "navigate": ["navigate", LAB, "--bounces", "45", "135", "--start", "0", "--goal", "60"],
-    "cover": ["cover", LAB, "--bounces", "45", "90", "135", "--error", "2", "--reliability", "0.8"],
-    "team": ["team", LAB, "--bounces", "135", "--robots", "3", "--seed", "1"],
+    "navigate": ["navigate", LAB, "--bounce", "45", "135", "--start", "0", "--goal", "60"],
+    "cover": f"cover {LAB} --bounce 45 90 135 --errors turn=2deg --reliability 0.8".split(),
+    "team": ["team", LAB, "--bounce", "135", "--robots", "3", "--seed", "1"],
     "patrol graph": ["patrol", "graph", str(DATA / "graphs" / "eight.json"), "--game"],
     "patrol map": ["patrol", "map", LAB, "--range", "2", "--runs", "500", "--base", "auto"],
     "drift": [

@@ -24,7 +24,7 @@ def save_filter(folder, **about):
 
 def save_policy(folder):
     path = folder / "policy.jxf"
-    about = {**SPEC, "bounces_deg": [45.0, 135.0]}
+    about = {**SPEC, "bounce_deg": [45.0, 135.0]}
     localization_policy(LAB, np.radians([45.0, 135.0]), metadata=about).policy.save(path)
     return path
 

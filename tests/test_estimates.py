@@ -23,8 +23,8 @@ from jaxcell.space import CellSpace, Motion, Workspace, estimates, visible_cells
 from jaxcell.space.extent import Extent
 
 
-ENDS = {"bounces": (45.0, 90.0), "start": "0", "goal": "50"}
-TURNS = {"bounces": (45.0, 90.0), "reliability": 0.8}
+ENDS = {"bounce": (45.0, 90.0), "start": "0", "goal": "50"}
+TURNS = {"bounce": (45.0, 90.0), "reliability": 0.8}
 LAB = Workspace.load(bundled("maps/lab_a.json"))
 CAFE = Workspace.load(bundled("maps/cafe.json"))
 
@@ -53,35 +53,35 @@ def test_extents_of_impossible_cells_are_unknown():
 
 LAB_A, CAFE_MAP = "maps/lab_a.json", "maps/cafe.json"
 HALL, COMPLEX = "maps/room_200x125.json", "maps/complex.json"
-SURE = {"error": 0.0, "reliability": 1.0}
+SURE = {"errors": ("turn=0",), "reliability": 1.0}
 THREE, EIGHT = (30.0, 75.0, 315.0), (10.0, 50.0, 90.0, 130.0, 170.0, 210.0, 250.0, 290.0)
 # Measured peaks of a process without a compilation cache, in bytes.
 STUDIES = [
     (0.21e9, study.Groups, HALL, 0.125, 360, {"bounce": (90.0,)}),
     (0.31e9, study.Groups, CAFE_MAP, 0.01, 360, {"bounce": (90.0,)}),
     (0.40e9, study.Groups, HALL, 0.2, 360, {"bounce": (90.0,), "step": 1.0}),
-    (0.21e9, study.Localize, LAB_A, 0.05, 8, {"bounce": 45.0}),
+    (0.21e9, study.Localize, LAB_A, 0.05, 8, {"bounce": (45.0,)}),
     (0.37e9, study.Groups, LAB_A, 0.001, 8, {"bounce": (45.0,)}),
     (0.23e9, study.Groups, LAB_A, 0.002, 8, {"bounce": (45.0,)}),
     (0.38e9, study.Groups, CAFE_MAP, 0.005, 360, {"bounce": (90.0,)}),
     (0.29e9, study.Groups, CAFE_MAP, 0.002, 8, {"bounce": (90.0,)}),
     (0.28e9, study.Groups, CAFE_MAP, 0.01, 72, {"bounce": (90.0,)}),
-    (2.78e9, study.Localize, LAB_A, 0.01, 8, {"bounce": 45.0}),
-    (0.58e9, study.Localize, CAFE_MAP, 0.05, 72, {"bounce": 90.0}),
-    (0.29e9, study.Localize, LAB_A, 0.02, 8, {"bounces": (45.0, 90.0)}),
+    (2.78e9, study.Localize, LAB_A, 0.01, 8, {"bounce": (45.0,)}),
+    (0.58e9, study.Localize, CAFE_MAP, 0.05, 72, {"bounce": (90.0,)}),
+    (0.29e9, study.Localize, LAB_A, 0.02, 8, {"bounce": (45.0, 90.0)}),
     (0.46e9, study.Navigate, LAB_A, 0.005, 8, ENDS),
     (0.20e9, study.Navigate, CAFE_MAP, 0.05, 72, ENDS),
-    (1.28e9, study.Cover, LAB_A, 0.01, 8, {**TURNS, "error": 45.0}),
-    (0.44e9, study.Cover, CAFE_MAP, 0.05, 72, {**TURNS, "error": 5.0}),
+    (1.28e9, study.Cover, LAB_A, 0.01, 8, {**TURNS, "errors": ("turn=45.0",)}),
+    (0.44e9, study.Cover, CAFE_MAP, 0.05, 72, {**TURNS, "errors": ("turn=5.0",)}),
     (0.36e9, study.Cover, LAB_A, 0.02, 8, {**TURNS, **SURE}),
-    (0.97e9, study.Cover, LAB_A, 0.05, 360, {**SURE, "bounces": THREE}),
-    (1.00e9, study.Cover, LAB_A, 0.05, 360, {**TURNS, "error": 5.0, "bounces": (45.0,)}),
-    (1.98e9, study.Cover, COMPLEX, 0.25, 360, {**TURNS, "error": 30.0, "bounces": THREE}),
-    (0.62e9, study.Cover, LAB_A, 0.05, 36, {**TURNS, "error": 90.0, "bounces": (90.0,)}),
-    (0.71e9, study.Cover, LAB_A, 0.03, 36, {**TURNS, "error": 10.0, "bounces": EIGHT}),
-    (3.95e9, study.Cover, LAB_A, 0.025, 360, {**TURNS, "error": 5.0, "bounces": THREE}),
-    (0.36e9, study.Team, LAB_A, 0.1, 8, {"bounces": (90.0,)}),
-    (0.59e9, study.Team, LAB_A, 0.01, 8, {"bounces": (90.0,)}),
+    (0.97e9, study.Cover, LAB_A, 0.05, 360, {**SURE, "bounce": THREE}),
+    (1.00e9, study.Cover, LAB_A, 0.05, 360, {**TURNS, "errors": ("turn=5.0",), "bounce": (45.0,)}),
+    (1.98e9, study.Cover, COMPLEX, 0.25, 360, {**TURNS, "errors": ("turn=30.0",), "bounce": THREE}),
+    (0.62e9, study.Cover, LAB_A, 0.05, 36, {**TURNS, "errors": ("turn=90.0",), "bounce": (90.0,)}),
+    (0.71e9, study.Cover, LAB_A, 0.03, 36, {**TURNS, "errors": ("turn=10.0",), "bounce": EIGHT}),
+    (3.95e9, study.Cover, LAB_A, 0.025, 360, {**TURNS, "errors": ("turn=5.0",), "bounce": THREE}),
+    (0.36e9, study.Team, LAB_A, 0.1, 8, {"bounce": (90.0,)}),
+    (0.59e9, study.Team, LAB_A, 0.01, 8, {"bounce": (90.0,)}),
     (0.59e9, study.PatrolMap, LAB_A, 0.5, None, {}),
     (0.67e9, study.PatrolMap, LAB_A, 0.2, None, {}),
 ]

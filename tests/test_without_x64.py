@@ -141,7 +141,7 @@ def test_a_fresh_process_needs_no_flag_and_keeps_its_setting():
 import jax
 from jaxcell import bundled, study
 policy = study.Cover(
-    map=bundled("lab_a"), bounces=(45.0, 90.0), error=45.0, reliability=0.7, directions=8
+    map=bundled("lab_a"), bounce=(45.0, 90.0), errors="turn=45deg", reliability=0.7, directions=8
 ).run()
 assert abs(policy.mixture.sum() - 1) < 1e-12 and policy.mixture.dtype == "float64"
 assert not jax.config.jax_enable_x64

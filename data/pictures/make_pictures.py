@@ -47,16 +47,19 @@ class Picture:
 
 
 LOCALIZE = "localize @lab_a --bounce 135 --out runs/lab"
-ERRORS = "--anywhere --heading unknown --errors run=0.02 distance=0.05 turn=1 --measured"
+ERRORS = "--heading unknown --errors run=2% distance=5cm turn=1deg --measured"
 PICTURES = {
     "navigation_anywhere": Picture(
-        (f"navigate @complex --bounces 45 100 135 --goal 1,1 {ERRORS} --robots 40 --out runs",),
+        (
+            "navigate anywhere @complex --bounce 45 100 135 --goal 1,1 "
+            f"{ERRORS} --robots 40 --out runs",
+        ),
         "navigation.rrd",
         "bump",
         4,
     ),
     "localization_anywhere": Picture(
-        (f"localize @complex --bounce 135 {ERRORS} --robots 40 --out runs",),
+        (f"localize anywhere @complex --bounce 135 {ERRORS} --robots 40 --out runs",),
         "localization.rrd",
         "bump",
         4,
@@ -73,7 +76,7 @@ PICTURES = {
     ),
     "navigation": Picture(
         (
-            "navigate @complex --directions 8 --bounces 45 90 135 "
+            "navigate @complex --directions 8 --bounce 45 90 135 "
             "--start 0.5,1.5,0 --goal 12.5,9.5,0 --out runs",
         ),
         "navigation.rrd",
@@ -81,13 +84,13 @@ PICTURES = {
         33,
     ),
     "coverage": Picture(
-        ("cover @complex --bounces 30 75 315 --error 5 --reliability 0.8 --out runs",),
+        ("cover @complex --bounce 30 75 315 --errors turn=5deg --reliability 0.8 --out runs",),
         "coverage.rrd",
         "direction",
         30,
     ),
     "team": Picture(
-        ("team @complex --directions 8 --robots 4 --bounces 135 --out runs",),
+        ("team @complex --directions 8 --robots 4 --bounce 135 --out runs",),
         "team.rrd",
         "step",
         40,
@@ -123,7 +126,7 @@ PICTURES = {
         6,
     ),
     "slip": Picture(
-        ("localize @complex --bounces 45 135 --slip 0.02 --start 100 --out runs/slip",),
+        ("localize slip @complex --bounce 45 135 --errors slip=2% --start 100 --out runs/slip",),
         "slip/localization.rrd",
         "step",
         20,

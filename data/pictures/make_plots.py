@@ -24,16 +24,16 @@ PLAN = {"start": "0.5,1.5,0", "goal": "15.5,12.5,90"}
 PLOTS = (
     (study.Groups(map="@cafe", bounce=(90.0,)), "group", {}),
     (study.Localize(map="@lab_a", bounce=135.0), "belief_size", {}),
-    (study.Localize(map="@lab_b", bounce=135.0, anywhere=True, robots=200), "median_extent", {}),
+    (study.LocalizeAnywhere(map="@lab_b", bounce=135.0, robots=200), "median_extent", {}),
     (
         study.Cover(
-            map="@complex", directions=72, bounces=(80.0, 125.0), error=5.0, reliability=0.8
+            map="@complex", directions=72, bounce=(80.0, 125.0), errors="turn=5deg", reliability=0.8
         ),
         "mixture",
         {},
     ),
-    (study.Navigate(map="@complex", bounces=(90.0, 180.0), **PLAN), "visited", {}),
-    (study.Team(map="@complex", robots=4, bounces=(135.0,)), "first_visit", {}),
+    (study.Navigate(map="@complex", bounce=(90.0, 180.0), **PLAN), "visited", {}),
+    (study.Team(map="@complex", robots=4, bounce=135.0), "first_visit", {}),
     (study.PatrolGraph(file="@eight"), "stationary", {}),
     (study.PatrolMap(map="@depot", robots=2, runs=200), "captures_probability", {}),
     (study.Drift(file="@gyres", depths=(0,)), "absorption_time", {}),

@@ -36,7 +36,7 @@ import numpy as np
 from jaxcell.bounce import bounce_map, localization_filter
 from jaxcell.bounce.localization.off_centre import filter_shares
 from jaxcell.space import CELL_BY_CELL, CellSpace
-from jaxcell.study import Navigate
+from jaxcell.study import NavigateAnywhere
 from jaxcell.walls import Errors, WallFilter, WallSet, bumps_until_localized
 
 from ..shared.data import MAPS
@@ -247,11 +247,10 @@ def any_heading(
 
 def home(name: str, robots: int, bumps: int) -> dict[str, Any]:
     """Compare robots that start anywhere and drive to a goal with plans from known starts."""
-    study = Navigate(
+    study = NavigateAnywhere(
         map=MAPS / name,
         goal=GOALS[name],
-        bounces=(40, 90, 130) if name == "arena.json" else (45, 90, 135),
-        anywhere=True,
+        bounce=(40, 90, 130) if name == "arena.json" else (45, 90, 135),
         heading="unknown",
         errors=HOME_ERRORS,
         measured=True,

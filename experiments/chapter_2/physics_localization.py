@@ -67,18 +67,17 @@ KNOWN_BOUNDS = f"run=0.01 distance=0.05 turn=1 bump_turn={BUMP_TURN} displacemen
 FILTER, PARTICLES, POLICY = "filter, 135°", "particles, 135°", "policy, 45° and 135°"
 PLAIN, BELIEF, ANYWHERE = "belief, slip only", "belief, calibrated", "sets, from anywhere"
 FINE, KNOWING = "belief, calibrated, fine", "sets, from anywhere, calibrated"
-ANGLES = ["--bounces", "45", "135"]
-CALIBRATED = f"--slip {SLIP} --bump-turn {BUMP_TURN} --bump-skid {BUMP_SKID}".split()
-FROM_ANYWHERE = (
-    "--bounces 45 100 135 --anywhere --heading unknown --measured --robots 1 --radius 0.5"
-)
+ANGLES = ["--bounce", "45", "135"]
+PLAINLY = ["slip", *ANGLES, "--errors", f"slip={SLIP}"]
+CALIBRATED = [*PLAINLY, f"bump_turn={BUMP_TURN}", f"bump_skid={BUMP_SKID}"]
+FROM_ANYWHERE = "anywhere --bounce 45 100 135 --heading unknown --measured --robots 1 --radius 0.5"
 ESTIMATORS = {
     FILTER: (["--bounce", "135"], "filter.jxf"),
     PARTICLES: (["--bounce", "135"], "filter.jxf"),
     POLICY: (ANGLES, "policy.jxf"),
-    PLAIN: ([*ANGLES, "--slip", str(SLIP)], "belief.jxb"),
-    BELIEF: ([*ANGLES, *CALIBRATED], "belief.jxb"),
-    FINE: ([*ANGLES, *CALIBRATED, "--max-fine-cells", "1600000"], "belief.jxb"),
+    PLAIN: (PLAINLY, "belief.jxb"),
+    BELIEF: (CALIBRATED, "belief.jxb"),
+    FINE: ([*CALIBRATED, "--max-fine-cells", "1600000"], "belief.jxb"),
     ANYWHERE: (f"{FROM_ANYWHERE} --errors {BOUNDS}".split(), "anywhere.json"),
     KNOWING: (f"{FROM_ANYWHERE} --errors {KNOWN_BOUNDS}".split(), "anywhere.json"),
 }

@@ -116,7 +116,7 @@ class Anywhere(Result):
         return alike | np.any(symmetric, axis=0)[: alike.size]
 
     @derived("bounce", "bouncing angle", "degree", listed=True)
-    def bounces_deg(self) -> Float[np.ndarray, "angles"]:
+    def bounce_deg(self) -> Float[np.ndarray, "angles"]:
         return np.rad2deg(self.bounces).round(9)
 
     @derived("", "robots", "1", kind="count")

@@ -187,7 +187,7 @@ def _with_option_names(message: str, command: Any) -> str:
 
 def _directions(command: Any) -> int | None:
     """Count the equally spaced directions that the angles of a command need; `None` if too many."""
-    values = [getattr(command, name, None) for name in ("bounce", "bounces", "error")]
+    values = [getattr(command, name, None) for name in ("bounce", "error")]
     angles = [
         angle
         for value in values

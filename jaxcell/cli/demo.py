@@ -6,7 +6,17 @@ from typing import Any, ClassVar
 
 from ..base.bundled import with_path
 from ..base.results import result_folder
-from ..study import Cover, Drift, Groups, Localize, Navigate, PatrolGraph, Study, Team
+from ..study import (
+    Cover,
+    Drift,
+    Groups,
+    Localize,
+    Navigate,
+    NavigateAnywhere,
+    PatrolGraph,
+    Study,
+    Team,
+)
 from .help import parsed
 from .output import write_text
 from .startup import starting
@@ -155,9 +165,9 @@ STOPS = (
     Stop(
         "home",
         "A robot is put down anywhere and comes home by its bumps",
-        Navigate,
-        "@complex --bounces 45 100 135 --goal 1,1 --anywhere --heading unknown "
-        "--errors run=0.02 distance=0.05 turn=1 --measured --robots 20 --bumps 25",
+        NavigateAnywhere,
+        "@complex --bounce 45 100 135 --goal 1,1 --heading unknown "
+        "--errors run=2% distance=5cm turn=1deg --measured --robots 20 --bumps 25",
         _home,
     ),
     Stop(
@@ -171,28 +181,28 @@ STOPS = (
         "localize",
         "A robot with a bump sensor and a clock finds out where it is",
         Localize,
-        "@lab_a --bounces 45 135",
+        "@lab_a --bounce 45 135",
         _localized,
     ),
     Stop(
         "navigate",
         "It chooses an angle at each bump to get to a goal",
         Navigate,
-        "@complex --bounces 90 180 --start 0.5,1.5,0 --goal 15.5,12.5,90",
+        "@complex --bounce 90 180 --start 0.5,1.5,0 --goal 15.5,12.5,90",
         _navigated,
     ),
     Stop(
         "cover",
         "It divides its time among imprecise bounces to cover a room evenly",
         Cover,
-        "@complex --directions 72 --bounces 80 125 335 --error 5 --reliability 0.8",
+        "@complex --directions 72 --bounce 80 125 335 --errors turn=5deg --reliability 0.8",
         _covered,
     ),
     Stop(
         "team",
         "Four robots cover the room together",
         Team,
-        "@complex --robots 4 --bounces 135",
+        "@complex --robots 4 --bounce 135",
         _team,
     ),
     Stop(

@@ -9,7 +9,7 @@ import re
 import sys
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, Field, fields
+from dataclasses import MISSING, Field, field, fields, make_dataclass
 from typing import Annotated, Any, NoReturn, get_args, get_origin
 
 import tyro
@@ -42,13 +42,17 @@ def parsed(kind: Any, name: str, words: Sequence[str]) -> Any:
     if one_of := getattr(kind, "one_of", ()):
         about.append(f"Needs {listed(tuple(option(kind, name) for name in one_of))}.")
     about += [f"Example: {example(kind, name)}"] if hasattr(kind, "example") else []
-    return tyro.cli(
+    found: Any = tyro.cli(
         displayed(kind),
         args=list(words),
         prog=f"jaxcell {name}",
         description="\n\n".join(about),
         config=(tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),
     )
+    values = vars(found)
+    for heading in set(values) - set(parameters(kind)):
+        values = values | vars(values.pop(heading))
+    return kind(**values)
 
 
 def option(kind: type, parameter: str) -> str:
@@ -107,6 +111,7 @@ def displayed(kind: type) -> type:
     """Create a class that has the options of a command in the order of its help page.
 
     Required options come first, then options of this command, then those that many commands share.
+    The options of a heading are the fields of a class of their own.
     """
     hints, texts, noted = parameters(kind), _documentation(kind), conditions(kind)
     level = {
@@ -114,28 +119,36 @@ def displayed(kind: type) -> type:
         for number, base in reversed(list(enumerate(kind.__mro__)))
         for name in inspect.get_annotations(base)
     }
-
-    def place(field: "Field[Any]") -> tuple[bool, bool, int]:
-        optional = field.default is not MISSING or field.default_factory is not MISSING
-        return optional, field.name in _LAST, level[field.name]
-
-    ordered = sorted(fields(kind), key=place)
-    annotations = {
-        field.name: Annotated[
-            hints[field.name],
-            tyro.conf.arg(
-                help=" ".join(
-                    filter(None, (texts.get(field.name), _when(kind, noted.get(field.name, []))))
-                ),
-                metavar=_metavar(field.name, hints[field.name]),
-                help_behavior_hint=lambda text: "" if text in _EMPTY else f"(default: {text})",
-            ),
-        ]
-        for field in ordered
+    headings = {
+        name: heading
+        for base in kind.__mro__
+        for heading, names in vars(base).get("headings", {}).items()
+        for name in names
     }
-    shown = type(kind.__name__, (kind,), {"__doc__": kind.__doc__, "__annotations__": annotations})
-    shown.__dataclass_fields__ = {field.name: field for field in ordered}  # type: ignore[attr-defined]
-    return shown
+
+    def place(one: "Field[Any]") -> tuple[bool, bool, int]:
+        return one.default is not MISSING, one.name in _LAST, level[one.name]
+
+    under: dict[str, list[tuple[str, Any, Any]]] = {"": []}
+    for one in sorted(fields(kind), key=place):
+        about = texts.get(one.name, ""), _when(kind, noted.get(one.name, []))
+        heading = headings.get(one.name, "")
+        shown = tyro.conf.arg(
+            help=" ".join(filter(None, about)),
+            metavar=_metavar(one.name, hints[one.name]),
+            help_behavior_hint=lambda text: "" if text in _EMPTY else f"(default: {text})",
+            prefix_name=not heading,
+        )
+        option: Any = Annotated[hints[one.name], shown]
+        under.setdefault(heading, []).append((one.name, option, field(default=one.default)))
+    own = under.pop("")
+    for heading, options in under.items():
+        name = f"{heading}_options".replace(" ", "_")
+        group = make_dataclass(name, options, frozen=True, kw_only=True)
+        own.append((name, Annotated[group, tyro.conf.arg(name=heading, help="")], field()))
+    return make_dataclass(
+        kind.__name__, own, namespace={"__doc__": kind.__doc__}, frozen=True, kw_only=True
+    )
 
 
 def _documentation(kind: type) -> dict[str, str]:
@@ -147,8 +160,8 @@ def _documentation(kind: type) -> dict[str, str]:
         except (OSError, TypeError):
             # The source of the class is not in a file.
             continue
-        for field, text in itertools.pairwise(ast.parse(source).body[0].body):  # type: ignore[attr-defined]
-            match field, text:
+        for known, text in itertools.pairwise(ast.parse(source).body[0].body):  # type: ignore[attr-defined]
+            match known, text:
                 case (
                     ast.AnnAssign(target=ast.Name(id=name)),
                     ast.Expr(value=ast.Constant(value=str(words))),

@@ -134,9 +134,9 @@ def _localizing(
         text = to_c_header(source)
     tables = table_bytes(text)
     states = len(source.uncertainty if machine is None else machine.transition)
-    kind, field = ("policy", "bounces_deg") if choosing else ("filter", "bounce_deg")
+    kind = "policy" if choosing else "filter"
     angles = ", ".join(f"{math.degrees(bounce):g}" for bounce in task.bounces)
-    _check_direction(task, direction, field)
+    _check_direction(task, direction)
     strides = None if direction is None else task.strides
     stride_bytes = 0 if strides is None else 8 * len(strides)
     _check_flash(tables, stride_bytes, flash, task.path, states)
@@ -227,7 +227,7 @@ def table_bytes(header: str) -> dict[str, int]:
     }
 
 
-def _check_direction(task: FilterTask | PolicyTask, direction: int | None, field: str) -> None:
+def _check_direction(task: FilterTask | PolicyTask, direction: int | None) -> None:
     """Raise `ValueError` if the direction does not exist, or a bounce ends between directions."""
     if direction is None:
         return
@@ -237,8 +237,8 @@ def _check_direction(task: FilterTask | PolicyTask, direction: int | None, field
         turn = bounce * task.directions / (2 * math.pi)
         if abs(turn - round(turn)) > 1e-6:
             raise ValueError(
-                f"{task.path}: {field}: {math.degrees(bounce):g} deg is not a whole number of the "
-                f"{task.directions} directions"
+                f"{task.path}: bounce_deg: {math.degrees(bounce):g} deg is not a whole number of "
+                f"the {task.directions} directions"
             )
 
 

@@ -5,7 +5,7 @@ a task in sweeps, and the `spec` in datasets and recordings. A program calls a s
 
     >>> from jaxcell import bundled, study
     >>> lab = bundled("maps/lab_a.json")
-    >>> angles = dict(bounces=(45.0, 90.0), error=45.0, directions=8)
+    >>> angles = dict(bounce=(45.0, 90.0), errors="turn=45deg", directions=8)
     >>> result = study.Cover(map=lab, reliability=0.7, **angles).run()
     >>> result.mixture.shape, round(result.total_variation, 3)
     ((19,), 0.355)
@@ -23,11 +23,16 @@ from ..base import optional_modules
 if not optional_modules.has_module("tyro"):
     raise optional_modules.missing_module("tyro")
 
+from .bounce.anywhere import (
+    LocalizeAnywhere as LocalizeAnywhere,
+    NavigateAnywhere as NavigateAnywhere,
+)
 from .bounce.cover import Cover as Cover
 from .bounce.groups import Groups as Groups
 from .bounce.localize import Localize as Localize
 from .bounce.navigate import Navigate as Navigate, Plans as Plans
 from .bounce.rooms import Rooms as Rooms
+from .bounce.slip import LocalizeSlip as LocalizeSlip, NavigateSlip as NavigateSlip
 from .bounce.team import Team as Team
 from .drift.drift import Drift as Drift
 from .drift.observed_drifters import Drifters as Drifters
@@ -36,6 +41,7 @@ from .map_study import CellStudy as CellStudy, MapStudy as MapStudy
 from .morse import Morse as Morse
 from .parameters import (
     AtLeastOne as AtLeastOne,
+    Count as Count,
     Days as Days,
     Degrees as Degrees,
     Limit as Limit,
@@ -58,8 +64,12 @@ STUDIES: tuple[type[Study], ...] = (
     Dynamics,
     Groups,
     Localize,
+    LocalizeAnywhere,
+    LocalizeSlip,
     Morse,
     Navigate,
+    NavigateAnywhere,
+    NavigateSlip,
     PatrolGraph,
     PatrolMap,
     Plans,

@@ -1,8 +1,9 @@
 import dataclasses
 import functools
 import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 import tyro
 
@@ -23,6 +24,8 @@ DIRECTION_DEG = 0.01
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CellStudy(Study):
     """Base class of studies on the cells of a map."""
+
+    headings: ClassVar[Mapping[str, tuple[str, ...]]] = {"map": ("cell", "unknown")}
 
     map: tyro.conf.Positional[Annotated[Path | Any, tyro.conf.arg(constructor=Path)]]
     """Map: jaxcell .json, ROS map_server .yaml, ASCII grid .txt, or a name such as @lab_a."""
@@ -99,8 +102,12 @@ class CellStudy(Study):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class MapStudy(CellStudy):
-    """Base class of studies of a bouncing robot on a map."""
+class RobotStudy(CellStudy):
+    """Base class of studies of a robot on a map, for which all of a step must be free."""
+
+    headings: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "robot": ("directions", "robot_radius", "step")
+    }
 
     directions: AtLeastOne | None = None
     """Number of directions in which the robot can drive; by default as the map suggests, or 8."""
@@ -108,9 +115,6 @@ class MapStudy(CellStudy):
     """Radius of a disc robot in metres; by default the radius in the map, or 0."""
     step: Length | None = None
     """Length of a step in metres; by default one cell."""
-    collision: Collision = "swept"
-    """Part of a step that must be free: all (swept), or only its end, as in Alam 2018
-    (endpoint)."""
 
     @property
     def _cut(self) -> _Cut:
@@ -120,7 +124,7 @@ class MapStudy(CellStudy):
     def motion(self) -> "space.Motion":
         """The length of a step and the collision rule, for functions such as
         `bounce.bounce_map`."""
-        return space.Motion(self.step, self.collision)
+        return space.Motion(self.step)
 
     def spec(self, result: Any) -> dict[str, Any]:
         cells = result.cells
@@ -140,6 +144,21 @@ class MapStudy(CellStudy):
             f"{spec['directions']} directions = {spec['cells']:,} cells"
             + (f", {pieces} separate pieces" if pieces > 1 else "")
         )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MapStudy(RobotStudy):
+    """Base class of studies of a bouncing robot on a map."""
+
+    headings: ClassVar[Mapping[str, tuple[str, ...]]] = {"robot": ("collision",)}
+
+    collision: Collision = "swept"
+    """Part of a step that must be free: all (swept), or only its end, as in Alam 2018
+    (endpoint)."""
+
+    @property
+    def motion(self) -> "space.Motion":
+        return space.Motion(self.step, self.collision)
 
 
 def _named(room: Any) -> "space.Workspace":

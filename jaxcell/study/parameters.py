@@ -20,6 +20,7 @@ An annotation gives the unit and the limits of a parameter, and conditions on ot
 """
 
 import dataclasses
+import enum
 import functools
 import math
 from collections.abc import Iterator
@@ -27,6 +28,13 @@ from typing import Annotated, Any, TypeAlias, TypeVar, get_type_hints
 
 
 Kind = TypeVar("Kind")
+
+
+class Count(enum.Enum):
+    """A condition on the number of values of a parameter, for `Only`."""
+
+    ONE = "one"
+    SEVERAL = "several"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,8 +92,9 @@ class Only:
     """A condition on other parameters. Unless it is met, a parameter must keep its default value.
 
     `Only(strategy="capture", base=False)` is met with that strategy and without a base. `True`
-    stands for any value except the default, `False` for the default, and a tuple for alternatives.
-    If a parameter has several conditions, it is enough that one is met.
+    stands for any value except the default, `False` for the default, a `Count` for any values of
+    this number, and a tuple for alternatives. If a parameter has several conditions, it is enough
+    that one is met.
     """
 
     def __init__(self, **values: Any) -> None:
@@ -94,18 +103,25 @@ class Only:
     def holds(self, options: Any) -> bool:
         """Return whether the parameters of a study or options of a command meet the condition."""
         default = {field.name: field.default for field in dataclasses.fields(options)}
-        return all(
-            (getattr(options, name) != default[name]) is wanted
-            if isinstance(wanted, bool)
-            else getattr(options, name) in (wanted if isinstance(wanted, tuple) else (wanted,))
-            for name, wanted in self.values.items()
-        )
+        for name, wanted in self.values.items():
+            value = getattr(options, name)
+            if isinstance(wanted, bool):
+                met = (value != default[name]) is wanted
+            elif isinstance(wanted, Count):
+                met = (len(value) > 1) is (wanted is Count.SEVERAL)
+            else:
+                met = value in (wanted if isinstance(wanted, tuple) else (wanted,))
+            if not met:
+                return False
+        return True
 
     def __str__(self) -> str:
         chosen = {name: wanted for name, wanted in self.values.items() if wanted is not False}
         absent = [f"`{name}`" for name, wanted in self.values.items() if wanted is False]
         parts = [
-            f"with `{name}`" if wanted is True else f"with `{name}` {listed(wanted)}"
+            f"with {wanted.value} `{name}`"
+            if isinstance(wanted, Count)
+            else f"with `{name}`" + ("" if wanted is True else f" {listed(wanted)}")
             for name, wanted in chosen.items()
         ]
         if absent:

@@ -60,6 +60,8 @@ class Study:
     varied: ClassVar[tuple[str, ...]] = ()
     """Parameters of single numbers. Members of a sweep that differ only in them are computed
     together, by `numbers`."""
+    headings: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    "Parameters under each heading of the help page; the others are in its first part."
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -200,6 +202,21 @@ def about(parameter: str) -> Iterator[None]:
         yield
     except ValueError as error:
         raise ValueError(f"{parameter}: {error}") from None
+
+
+@contextlib.contextmanager
+def renamed(**parameters: str) -> Iterator[None]:
+    """Let a `ValueError` about an argument of a function name the parameter of the study instead.
+
+    `parameters` are the names of parameters by the names of arguments.
+    """
+    try:
+        yield
+    except ValueError as error:
+        name, colon, message = str(error).partition(":")
+        if name not in parameters:
+            raise
+        raise ValueError(f"{parameters[name]}{colon}{message}") from None
 
 
 def numbers(parameter: str, text: str, count: int, expected: str) -> list[float]:

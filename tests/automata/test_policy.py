@@ -15,7 +15,7 @@ SMALL = Policy(
     target=np.int32([1, 2, 3, 4]),
     offsets=np.int32([0, 5, 7, 8, 9, 10]),
     members=np.int32([0, 1, 2, 3, 4, 1, 3, 4, 0, 2]),
-    metadata={"bounces_deg": [45.0, 135.0]},
+    metadata={"bounce_deg": [45.0, 135.0]},
 )
 
 

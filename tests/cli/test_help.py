@@ -1,3 +1,4 @@
+import re
 import subprocess
 import sys
 
@@ -7,6 +8,7 @@ from helpers import python
 from jaxcell.cli import main
 from jaxcell.cli.app import COMMANDS, read
 from jaxcell.cli.help import example
+from jaxcell.study.parameters import conditions, parameters
 
 
 def page(capsys, *args):
@@ -14,6 +16,13 @@ def page(capsys, *args):
         main(args)
     assert ended.value.code == 0
     return capsys.readouterr().out
+
+
+def panels(said):
+    """The lines under each heading of a page, by the heading."""
+    title = r"^[^\w\n]*((?:\w+ )*options|positional arguments)[^\w\n]*$"
+    _, *parts = re.split(title, said, flags=re.MULTILINE)
+    return dict(zip(parts[::2], parts[1::2], strict=True))
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -24,9 +33,28 @@ def test_a_page_of_help_marks_required_options_and_has_an_example(capsys, comman
     assert f"Example: {example(COMMANDS[command], command)}" in rest
     for nothing in ("None", "(default: )", "(default: False)"):
         assert nothing not in said
-    options = rest.partition("─ options ─")[2]
     # Required options come before options with a default.
-    assert "(required)" not in options.partition("(default:")[2]
+    assert "(required)" not in panels(said)["options"].partition("(default:")[2]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_first_panel_of_options_has_at_most_12(capsys, command):
+    options = panels(page(capsys, *command.split(), "--help"))["options"]
+    assert len(re.findall(r"^(?:│ |  )--\w", options, re.MULTILINE)) <= 12
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_an_option_has_at_most_two_conditions(command):
+    for name, alternatives in conditions(COMMANDS[command]).items():
+        assert sum(len(each.values) for each in alternatives) <= 2, name
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_headings_have_options_of_the_command(command):
+    kind = COMMANDS[command]
+    for base in kind.__mro__:
+        for names in vars(base).get("headings", {}).values():
+            assert set(names) <= parameters(kind).keys()
 
 
 @pytest.mark.parametrize("command", [name for name in COMMANDS if name != "run"])
@@ -40,7 +68,10 @@ def test_an_example_can_be_read(command):
 def test_lines_of_help_are_as_long_as_the_screen(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "250")
     said = page(capsys, "localize", "--help")
-    assert "A robot that slips chooses the angle after which the expected entropy of its be" in said
+    assert (
+        "Build the localization filter of a map, or the policy of a robot that chooses among b"
+        in said
+    )
 
 
 def test_each_command_is_in_the_list(capsys):
@@ -114,7 +145,7 @@ complete -p jaxcell
         ("jaxcell sweep s", {"status"}),
         ("jaxcell sweep --re", {"--resume"}),
         ("jaxcell sweep status --js", {"--json"}),
-        ("jaxcell localize @lab_a --bou", {"--bounce", "--bounces"}),
+        ("jaxcell localize @lab_a --bou", {"--bounce"}),
         ("jaxcell localize @lab_a --collision ", {"swept", "endpoint"}),
         ("jaxcell groups @lab_a --out my", {"my_map.json"}),
         # Bash proposes files itself.

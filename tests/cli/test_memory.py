@@ -15,9 +15,9 @@ LAB = bundled("maps/lab_a.json")
 COMMANDS = {
     "groups": ["--bounce", 45],
     "localize": ["--bounce", 45],
-    "navigate": ["--bounces", 45, "--start", 0, "--goal", 1],
-    "cover": ["--bounces", 45, "--error", 1, "--reliability", 0.8],
-    "team": ["--bounces", 45],
+    "navigate": ["--bounce", 45, "--start", 0, "--goal", 1],
+    "cover": ["--bounce", 45, "--errors", "turn=1", "--reliability", 0.8],
+    "team": ["--bounce", 45],
     "patrol map": [],
 }
 

@@ -88,7 +88,7 @@ def _computed(*_):
     raise AssertionError("it went on")
 
 
-COVER = "--bounces 45 --error 45 --reliability 0.8"
+COVER = "--bounce 45 --errors turn=45 --reliability 0.8"
 # A line for each file that a command reads, which is not there.
 MISSING = [
     f"cover none.json {COVER}",
@@ -105,7 +105,7 @@ MISSING = [
     "groups none.json --bounce 45",
     "info none.json",
     "localize none.json --bounce 45",
-    "navigate none.json --bounces 45 --start 0 --goal 1",
+    "navigate none.json --bounce 45 --start 0 --goal 1",
     "patrol graph none.json",
     "patrol graph @random --constraints none.json",
     "patrol graph @random --strategy capture --attack-times none.json",
@@ -124,7 +124,7 @@ MISSING = [
     "sweep merge none",
     "sweep status none",
     "sweep view none",
-    "team none.json --bounces 45",
+    "team none.json --bounce 45",
     "verify none",
     "view none",
 ]

@@ -178,7 +178,7 @@ def test_first_lines_of_a_team_are_of_the_team(capsys, tmp_path):
 def test_patrol_of_a_map_names_the_place_that_a_watcher_attacks(capsys):
     given = "@lab_a", "--range", 5, "--attack-times", 8, "--runs", 50
     _, answer, said = run(capsys, "patrol map", *given)
-    _, worst, _ = run(capsys, "patrol map", *given, "--start", "worst")
+    _, worst, _ = run(capsys, "patrol map", *given, "--distribution", "worst")
     assert answer["watched_capture"] == pytest.approx(worst["least_capture"], abs=1e-12)
     assert answer["watched_capture"] <= answer["least_capture"]
     assert answer["watched_place"] == worst["least_captured"]

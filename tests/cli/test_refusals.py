@@ -24,8 +24,8 @@ FILES = {
 }
 # A command, and its error after the name of the command, in which three dots stand for any text.
 REFUSALS = """
-cover @lab_a --bounces 45 --error 20 --reliability 0.8 --directions 8
-    --error: 20 deg is not a whole number of the 8 directions, ...; --directions 72 would do
+cover @lab_a --bounce 45 --errors turn=20 --reliability 0.8 --directions 8
+    --errors: 20 deg is not a whole number of the 8 directions, ...; --directions 72 would do
 groups @lab_a --bounce
     --bounce: expected at least one value, got none
 groups @lab_a --bounce 45 --cell 50
@@ -34,8 +34,8 @@ groups @lab_z --bounce 45
     @lab_z: not among the bundled data of jaxcell; did you mean ...
 groups @random --bounce 45
     ...random.json: format: expected an object with "format": "jaxcell-map"
-localize @lab_a
-    expected one of --bounce or --bounces
+localize @lab_a --bounce
+    --bounce: expected at least one value, got none
 localize @lab_a --bounce nan
     --bounce: nan deg is not a whole number of the 8 directions, which are 45 deg apart
 localize @lab_a --bounce 45 --start 2,2,0
@@ -48,26 +48,24 @@ localize @lab_a --bounce 45 --start 0.5,0.5,10
     --start '0.5,0.5,10': expected a heading that is one of the 8 directions, a multiple of 45 ...
 localize @lab_a --bounce 45 --start 152
     --start '152': cell 152 does not exist; cells are 0 to 151
-localize @lab_a --bounces 45 405 --slip 0.02
-    --bounces: 45 and 405 deg are the same turn; give it once
-localize @lab_a --bounce 45 --anywhere --errors speed=1
-    --errors 'speed=1': expected one of run, distance, late, displacement, turn, bump_turn, heading
-localize @lab_a --bounce 45 --anywhere --errors run=x
-    --errors 'x': expected a number after =
-localize @lab_a --bounce 100 --anywhere
+localize slip @lab_a --bounce 45 405 --errors slip=0.02
+    --bounce: 45 and 405 deg are the same turn; give it once
+localize anywhere @lab_a --bounce 45 --errors speed=1
+    --errors 'speed=1': expected NAME=VALUE, a name of run, distance, late, turn, ...
+localize anywhere @lab_a --bounce 45 --errors run=x
+    --errors 'run=x': expected a number from 0 to 1, or a percentage such as 2%, got 'x'
+localize anywhere @lab_a --bounce 100
     angle: expected a multiple of 45 degrees, the width of a slice of headings, got 100 degrees
-localize @lab_a --bounce 45 --anywhere --start 2,2,0
+localize anywhere @lab_a --bounce 45 --start 2,2,0
     --start '2,2,0': (2 m, 2 m) is not in the free space
-navigate @lab_a --bounces 90 --goal 3
-    --start: expected the start of the robot, or --anywhere
-navigate @lab_a --bounces 90 --anywhere --goal 2,2 --robots 100000000
+navigate anywhere @lab_a --bounce 90 --goal 2,2 --robots 100000000
     --goal '2,2': the point (2, 2) lies in an obstacle or too near a wall
-navigate @lab_a --bounces 90 --anywhere --goal 3
-    --goal '3': expected "x,y" in metres, for robots that start anywhere
-team @lab_a --robots 20 --bounces 135
+navigate anywhere @lab_a --bounce 90 --goal 3
+    --goal '3': expected "x,y" or "x,y,radius" in metres
+team @lab_a --robots 20 --bounce 135
     --robots 20: expected from 1 to 19, one for each position
-team @lab_a --robots 3 --starts 0 1 --bounces 135
-    --robots 3: --starts names 2; give one of the two
+team @lab_a --robots 3 --start 0 1 --bounce 135
+    --robots 3: --start names 2; give one of the two
 drift @gyres --depths 0 --start here
     --start 'here': expected "lon,lat" in degrees
 drift @gyres --depths 0 --start 5,6
@@ -105,7 +103,7 @@ patrol graph @eight --charger 2
 patrol graph @eight --charger 2 --every 2
     --every: expected at least 4 steps, to the farthest vertex and back, got 2
 patrol graph @eight --robots 2 --division shared --emphasis 1 2
-    --division: it has an effect only with --robots and without --vertex, --emphasis, ...
+    --division: a part of the graph may lack vertices of --emphasis
 patrol graph apart.adjlist
     apart.adjlist: no walk leads from vertex 'a' to 'c'; expected a connected graph
 patrol graph deep.gml
@@ -138,8 +136,8 @@ run stones
     stones: expected FILE.py:CLASS or MODULE:CLASS
 robot run a.jxf
     expected one of --port, --ros or --simulate
-robot run a.jxf --simulate @lab_a --physics --noise 0.1
-    --noise: it has an effect only with --simulate and without --physics
+robot run a.jxf --simulate @lab_a --physics --errors slip=10%
+    --errors: it has an effect only with --simulate and without --physics
 robot run a.jxf --ros base --steps clock
     --steps: it has an effect only without --ros
 robot run a.jxf --ros base --port x

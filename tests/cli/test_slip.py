@@ -31,18 +31,18 @@ def room(tmp_path):
 
 
 def test_a_belief_has_at_most_the_given_number_of_fine_cells(capsys, room):
-    args = ("localize", room, "--bounce", 90, "--slip", 0.02)
+    args = ("localize slip", room, "--bounce", 90, "--errors", "slip=0.02")
     counts = [run(capsys, *args, "--max-fine-cells", most)[1]["fine_cells"] for most in (500, 1500)]
     assert 100 < counts[0] <= 500 < counts[1] <= 1500
 
 
 def test_a_robot_that_slips_chooses_among_its_angles(capsys, tmp_path, room):
     out, again = tmp_path / "out", tmp_path / "run"
-    args = ("localize", room, "--bounces", 90, 135, "--slip", 0.02, "--start", 3)
+    args = ("localize slip", room, "--bounce", 90, 135, "--errors", "slip=2%", "--start", 3)
     status, answer, _ = run(capsys, *args, "--out", out, "--verify")
     assert status == 0
-    assert (answer["bounces_deg"], answer["slip"]) == ([90, 135], 0.02)
-    assert {"bounce_deg", "goal", "aim", "open_world"}.isdisjoint(answer)
+    assert (answer["bounce_deg"], answer["errors"]) == ([90, 135], ["slip=2%"])
+    assert {"collision", "know", "aim", "open_world"}.isdisjoint(answer)
     hidden = HiddenMap.load(out / "belief.jxb")
     assert hidden.angles == 2
     with xr.open_dataset(out / "localization.nc") as dataset:
@@ -54,7 +54,7 @@ def test_a_robot_that_slips_chooses_among_its_angles(capsys, tmp_path, room):
     for observation, turn in zip(answer["word"], turned[1:].tolist(), strict=True):
         state = belief.observe(state, int(observation))
         assert state.turn == (None if turn < 0 else turn)
-    words = "--simulate", room, "--seed 4 --heading 0 --noise 0.02 --speedup 1000 --out", again
+    words = "--simulate", room, "--seed 4 --heading 0 --errors slip=2% --speedup 1000 --out", again
     status, driven, _ = run(capsys, "robot run", out / "belief.jxb", *words)
     assert status == 0
     status, replayed, _ = run(capsys, "robot", "replay", again / "run.jsonl")
@@ -64,7 +64,7 @@ def test_a_robot_that_slips_chooses_among_its_angles(capsys, tmp_path, room):
 def test_plan_and_emulated_robot_arrive_alike_despite_slips(capsys, room):
     ends = ("--start", "1.5,1.5,0", "--goal", "1.5,1.5,180")
     status, answer, _ = run(
-        capsys, "navigate", room, "--bounces", 90, 135, *ends, "--slip", 0.02, "--directions", 8
+        capsys, "navigate slip", room, "--bounce 90 135", *ends, "--errors slip=2% --directions 8"
     )
     assert status == 0
     assert 0 <= answer["plan_arrives"] <= answer["plan_as_foretold"] <= 1

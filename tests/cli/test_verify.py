@@ -165,7 +165,7 @@ def test_a_run_of_a_robot_is_made_again_from_its_log(tmp_path, capsys, monkeypat
 
 def test_files_of_other_runs_that_are_not_listed_are_refused(out, tmp_path, capsys):
     other = tmp_path / "other"
-    assert main(["localize", "@lab_a", "--bounces", "45", "135", "--out", str(other)]) == 0
+    assert main(["localize", "@lab_a", "--bounce", "45", "135", "--out", str(other)]) == 0
     shutil.copy(other / "policy.jxf", out)
     task = out / "policy.jxf"
     for words in (["info", out], ["info", task], ["robot", "run", task, "--simulate", "@lab_a"]):

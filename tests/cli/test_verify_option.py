@@ -13,7 +13,7 @@ GROUPS = ["groups", "@lab_a", "--bounce", "45"]
 
 
 def test_verification_prints_a_line(capsys):
-    line = "navigate @lab_a --bounces 45 135 --start 0 --goal 60 --verify"
+    line = "navigate @lab_a --bounce 45 135 --start 0 --goal 60 --verify"
     assert main(line.split()) == 0
     assert "numbers agree with another method" in capsys.readouterr().err
 

@@ -26,7 +26,7 @@ MANY = os.environ.get("JAXCELL_FAULTS") is not None
 COMMANDS = {
     "groups": ["groups", "@lab_a", "--bounce", "45", "135"],
     "localize": ["localize", "@lab_a", "--bounce", "135"],
-    "navigate": ["navigate", "@lab_a", "--bounces", "90", "--start", "20", "--goal", "3"],
+    "navigate": ["navigate", "@lab_a", "--bounce", "90", "--start", "20", "--goal", "3"],
     "patrol": ["patrol", "graph", "@eight"],
     "drift": ["drift", "@gyres", "--depths", "0", "--time", "0"],
 }

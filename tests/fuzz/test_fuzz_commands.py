@@ -27,15 +27,15 @@ JUNK = {
 }
 # The arguments that commands need.
 NEEDED = {
-    "cover": ["map.json", "--bounces", "45", "--error", "1", "--reliability", "0.8"],
+    "cover": ["map.json", "--bounce", "45", "--errors", "turn=1", "--reliability", "0.8"],
     "drift": ["sea.nc"],
     "export": ["map.json", "map.dot"],
     "groups": ["map.json", "--bounce", "45"],
     "localize": ["map.json", "--bounce", "45"],
-    "navigate": ["map.json", "--bounces", "45", "--start", "0", "--goal", "1"],
+    "navigate": ["map.json", "--bounce", "45", "--start", "0", "--goal", "1"],
     "patrol graph": ["graph.json"],
     "patrol map": ["map.json"],
-    "team": ["map.json", "--bounces", "45"],
+    "team": ["map.json", "--bounce", "45"],
 }
 # Without an error, these commands exceed the time of a test; so an option gets a bad value.
 LONG = set(NEEDED) - {"export"}

@@ -53,7 +53,7 @@ POLICY = {
     "offsets": [0, 3, 5, 6, 7],
     "members": [0, 1, 2, 1, 2, 0, 1],
 }
-POLICY_HEADER = {"kind": "policy", "metadata": {"bounces_deg": [45.0]}}
+POLICY_HEADER = {"kind": "policy", "metadata": {"bounce_deg": [45.0]}}
 
 
 def use_filter(path):

@@ -33,6 +33,8 @@ from jaxcell.cli.app import COMMANDS  # noqa: E402
 CASES = tomllib.loads((GOLDEN / "cases.toml").read_text(encoding="utf-8"))
 HELP = "help"
 NAMES = [HELP, *CASES]
+# Wider pages of help have several panels side by side.
+_ONE_COLUMN = 120
 # Files that differ between runs.
 _UNSTABLE = ("lock", "sweep.journal")
 # Commands that print no JSON.
@@ -62,7 +64,8 @@ def tolerance(name):
 
 def options_of_all():
     """The options of each command: what they take, and by default."""
-    return {command: _options(_call([*command.split(), "--help"])[1]) for command in COMMANDS}
+    pages = {name: _call([*name.split(), "--help"], _ONE_COLUMN)[1] for name in COMMANDS}
+    return {name: _options(page) for name, page in pages.items()}
 
 
 def _options(page):
@@ -133,10 +136,10 @@ def _run(command):
     return found
 
 
-def _call(words):
+def _call(words, columns=250):
     """Exit status, standard output and standard error of the program."""
     place = {
-        "COLUMNS": "250",
+        "COLUMNS": str(columns),
         "NO_COLOR": "1",
         "TERM": "dumb",
         "DISPLAY": "",

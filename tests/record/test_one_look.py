@@ -22,17 +22,17 @@ DATA = Path(__file__).parents[2] / "data"
 ROOM = "; cell 1\n#######\n#..#..#\n#.....#\n#.....#\n#######\n"
 COMMANDS = {
     "localization": "localize {data}/maps/lab_a.json --bounce 135 --collision endpoint",
-    "policy": "localize {room} --directions 8 --bounces 45 135",
-    "slip": "localize {room} --directions 8 --bounces 45 135 --slip 0.02 --start 100",
+    "policy": "localize {room} --directions 8 --bounce 45 135",
+    "slip": "localize slip {room} --directions 8 --bounce 45 135 --errors slip=0.02 --start 100",
     "groups": "groups {room} --directions 8 --bounce 45 90",
-    "anywhere": "localize {room} --bounce 135 --anywhere --robots 3 --bumps 6",
-    "home": "navigate {room} --bounces 45 135 --goal 1.5,1.5 --anywhere --heading unknown "
+    "anywhere": "localize anywhere {room} --bounce 135 --robots 3 --bumps 6",
+    "home": "navigate anywhere {room} --bounce 45 135 --goal 1.5,1.5 --heading unknown "
     "--errors turn=1 --measured --robots 3 --slices 72",
-    "navigation": "navigate {room} --directions 8 --bounces 45 90 135 "
+    "navigation": "navigate {room} --directions 8 --bounce 45 90 135 "
     "--start 1.5,1.5,0 --goal 5.5,2.5,0",
-    "no_plan": "navigate {room} --directions 8 --bounces 180 --start 1.5,1.5,0 --goal 5.5,2.5,0",
-    "coverage": "cover {room} --directions 8 --bounces 45 90 --error 45 --reliability 0.8",
-    "team": "team {room} --directions 8 --robots 2 --bounces 135",
+    "no_plan": "navigate {room} --directions 8 --bounce 180 --start 1.5,1.5,0 --goal 5.5,2.5,0",
+    "coverage": "cover {room} --directions 8 --bounce 45 90 --errors turn=45 --reliability 0.8",
+    "team": "team {room} --directions 8 --robots 2 --bounce 135",
     "patrol": "patrol graph {data}/graphs/eight.json --robots 2 --game",
     "charger": "patrol graph {data}/graphs/eight.json --charger 3 --every 8 --base 2",
     "patrol_map": "patrol map {room} --robots 2 --range 3 --attack-times 4 --runs 200",

@@ -20,7 +20,7 @@ FIELDS = {
     "cell_m": 0.5,
     "directions": 8,
     "step_m": 0.5,
-    "bounces_deg": [70.0, 135.0],
+    "bounce_deg": [70.0, 135.0],
     "headings": None,
     "slices": 360,
     "errors": {"run": 0.01, "distance": 0.05, "turn": math.radians(2), "displacement": 0.06},

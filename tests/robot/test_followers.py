@@ -177,15 +177,15 @@ def test_a_task_has_the_angles_of_its_policy(localizing, tmp_path):
         dataclasses.replace(localizing.policy, metadata=about).save(tmp_path / "policy.jxf")
         return load_task(tmp_path / "policy.jxf")
 
-    task = loaded(**SPEC, bounces_deg=[45.0, 135.0])
+    task = loaded(**SPEC, bounce_deg=[45.0, 135.0])
     np.testing.assert_allclose(task.bounces, BOUNCES)
     assert task.header["kind"] == "policy"
-    assert json.loads(json.dumps(task.header))["bounces_deg"] == pytest.approx([45.0, 135.0])
-    for angles in ({}, {"bounces_deg": [45.0]}, {"bounces_deg": 45.0}):
-        with pytest.raises(ValueError, match="bounces_deg: expected a list of at least 2 angles"):
+    assert json.loads(json.dumps(task.header))["bounce_deg"] == pytest.approx([45.0, 135.0])
+    for angles in ({}, {"bounce_deg": [45.0]}, {"bounce_deg": 45.0}):
+        with pytest.raises(ValueError, match="bounce_deg: expected a list of at least 2 angles"):
             loaded(**SPEC, **angles)
     with pytest.raises(ValueError, match=r"policy\.jxf: cell_m"):
-        loaded(bounces_deg=[45.0, 135.0])
+        loaded(bounce_deg=[45.0, 135.0])
 
 
 def corridor(length):

@@ -57,7 +57,7 @@ def test_bad_directions_and_angles_of_sketches_are_refused():
     filter_sketch(oblique)
     task = policy_task()
     oblique = dataclasses.replace(task, bounces=(task.bounces[0], 1.0))
-    with pytest.raises(ValueError, match=r"bounces_deg: 57\.2958 deg is not a whole number of the"):
+    with pytest.raises(ValueError, match=r"bounce_deg: 57\.2958 deg is not a whole number of the"):
         policy_sketch(oblique, direction=0)
     for step in (0.0, -1.0, math.nan, math.inf):
         with pytest.raises(ValueError, match="step: expected a positive number"):

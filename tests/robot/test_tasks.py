@@ -25,7 +25,7 @@ def save(kind, path, actions_deg=(0,)):
     elif kind == "team":
         save_team(path, SPEC, [(0.5, 0.5, 0.0)], [math.pi / 2], ["01"])
     elif kind == "anywhere":
-        fields = {"bounces_deg": [70.0], "headings": None, "slices": 8, "errors": BOUNDS}
+        fields = {"bounce_deg": [70.0], "headings": None, "slices": 8, "errors": BOUNDS}
         save_anywhere(path, LAB.workspace, **SIZES, **fields, counted_m=0.0, known_m=0.5)
     else:
         image = np.arange(LAB.positions)[None].repeat(3, 0)
@@ -70,7 +70,7 @@ DAMAGES = [
     ("team", "robots/0/bounce_deg", None, r"robots\[0\].bounce_deg: expected a finite number, "),
     ("anywhere", "errors", {"run": 2.0}, "errors: run: expected a share below 1"),
     ("anywhere", "errors", {"luck": 0.1}, "luck"),
-    ("anywhere", "bounces_deg", [], "bounces_deg: expected a list of at least 1 angles"),
+    ("anywhere", "bounce_deg", [], "bounce_deg: expected a list of at least 1 angles"),
     ("anywhere", "slices", 1, "slices: expected"),
     ("anywhere", "boundary", [[0, 0], [1, 1]], "boundary"),
     ("patrol", "free", 3, "free: expected a list of rows"),
@@ -118,7 +118,7 @@ def test_a_robot_that_does_not_exist_is_refused(tmp_path, kind):
 def test_damaged_and_missing_files_are_refused(tmp_path):
     path = tmp_path / "filter.jxf"
     bounce_filter(LAB, 45, metadata=SPEC).save(path)
-    with pytest.raises(ValueError, match="bounce_deg: expected a finite number"):
+    with pytest.raises(ValueError, match="bounce_deg: expected a list of at least 1 angles"):
         load_task(path)
     for text in ("{", "[]"):
         (tmp_path / "plan.json").write_text(text)

@@ -84,7 +84,7 @@ def test_parameters_of_another_type_are_refused(given, message):
 
 
 def test_a_study_takes_the_name_of_bundled_data():
-    robot = {"bounces": (45.0,), "error": 45.0, "reliability": 0.8}
+    robot = {"bounce": (45.0,), "errors": ("turn=45",), "reliability": 0.8}
     assert Cover(map=Path("@lab_a"), **robot) == Cover(map=bundled("lab_a"), **robot)
     with pytest.raises(FileNotFoundError, match="not among the bundled data"):
         Cover(map=Path("@lab_z"), **robot)

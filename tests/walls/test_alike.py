@@ -11,7 +11,7 @@ from oracles import rays
 from experiments.chapter_2.file_rays import FileRays
 from jaxcell import space, walls
 from jaxcell.base.bundled import bundled
-from jaxcell.study import Localize
+from jaxcell.study import LocalizeAnywhere
 
 
 L_ROOM = space.Workspace([(0, 0), (6, 0), (6, 1), (4, 1), (4, 2), (0, 2)])
@@ -187,9 +187,8 @@ def test_alike_poses_are_those_of_exact_arithmetic(corners, turns):
 )
 def test_no_robot_is_localized_by_angles_that_cannot_localize_it(name, bounces):
     """Each set contains the alike poses, so it is at least as large as their box."""
-    given = {"bounce": bounces[0]} if len(bounces) == 1 else {"bounces": bounces}
-    study = Localize(
-        map=bundled(name), **given, anywhere=True, measured=True, robots=40, bumps=25, seed=1
+    study = LocalizeAnywhere(
+        map=bundled(name), bounce=bounces, measured=True, robots=40, bumps=25, seed=1
     )
     result = study.run()
     alike = result._alike

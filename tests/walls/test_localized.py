@@ -12,7 +12,7 @@ from jaxcell.base.bundled import bundled
 from jaxcell.cli import main
 from jaxcell.robot.emulation.body import Body
 from jaxcell.robot.emulation.direct import DirectBody
-from jaxcell.study import Localize
+from jaxcell.study import LocalizeAnywhere
 
 
 L_ROOM = space.Workspace([(0, 0), (6, 0), (6, 1), (4, 1), (4, 2), (0, 2)])
@@ -115,7 +115,7 @@ def test_only_robots_in_the_closet_cannot_be_localized(tmp_path):
     """Two angles tell all places of the room apart; a square closet has four alike poses."""
     path = tmp_path / "closet.json"
     path.write_text(json.dumps(CLOSET))
-    study = Localize(map=path, bounces=(45.0, 135.0), anywhere=True, robots=80, bumps=4)
+    study = LocalizeAnywhere(map=path, bounce=(45.0, 135.0), robots=80, bumps=4)
     result = study.run()
     x, y = result.trial.start.T
     locked = (np.abs(x - 1.6) < 0.5) & (np.abs(y - 1.6) < 0.5)
@@ -149,19 +149,17 @@ def test_a_map_that_suggests_no_cell_is_localized_with_a_usual_one(tmp_path, cap
 
 @pytest.mark.parametrize(("heading", "said"), [("known", False), ("unknown", True)])
 def test_it_is_said_when_only_symmetries_are_looked_for(heading, said):
-    study = Localize(
-        map=bundled("lab_a"), bounce=100.0, anywhere=True, heading=heading, robots=2, bumps=1
+    study = LocalizeAnywhere(
+        map=bundled("lab_a"), bounce=(100.0,), heading=heading, robots=2, bumps=1
     )
     if heading == "known":
-        study = dataclasses.replace(study, bounce=135.0)
+        study = dataclasses.replace(study, bounce=(135.0,))
     remarks = " ".join(study.run().remarks)
     assert ("only symmetries of the map are looked for" in remarks) == said
 
 
 def test_a_start_whose_heading_the_robot_cannot_have_is_refused():
-    study = Localize(
-        map=bundled("lab_a"), bounce=135.0, anywhere=True, start="0.5,0.5,30", robots=1
-    )
+    study = LocalizeAnywhere(map=bundled("lab_a"), bounce=(135.0,), start="0.5,0.5,30", robots=1)
     with pytest.raises(
         ValueError, match=r"start '0\.5,0\.5,30': .* multiple of 45 degrees, got 30"
     ):
@@ -174,16 +172,16 @@ def test_a_start_whose_heading_the_robot_cannot_have_is_refused():
     [(("run=0.01",), True), (("run=0.01", "displacement=0.06"), False), ((), False)],
 )
 def test_a_task_whose_errors_have_no_displacement_is_doubted(tmp_path, capsys, errors, said):
-    options = ["--bounce", "135", "--anywhere", "--robots", "1", "--bumps", "1"]
+    options = ["--bounce", "135", "--robots", "1", "--bumps", "1"]
     options += ["--errors", *errors] if errors else []
-    assert main(["localize", "@lab_a", *options, "--out", str(tmp_path / "out")]) == 0
+    assert main(["localize", "anywhere", "@lab_a", *options, "--out", str(tmp_path / "out")]) == 0
     err = capsys.readouterr().err
     assert ("anywhere.json: --errors have no displacement" in err) == said
     assert ("displacement=0.06" in err) == said
 
 
 def test_slices_that_divide_no_angle_are_refused_by_their_option(capsys):
-    words = ["localize", "@lab_a", "--bounce", "45", "--anywhere", "--heading", "unknown"]
+    words = ["localize", "anywhere", "@lab_a", "--bounce", "45", "--heading", "unknown"]
     assert main([*words, "--slices", "100"]) == 2
     assert "got 45 degrees; set other --slices" in capsys.readouterr().err
 
@@ -199,8 +197,8 @@ def test_errors_of_turns_leave_only_symmetries(tmp_path, boundary, share):
     """A rectangle looks the same after half a turn, whatever the errors; an L never does."""
     path = tmp_path / "room.json"
     path.write_text(json.dumps(CLOSET | {"boundary": boundary, "obstacles": []}))
-    study = Localize(
-        map=path, bounce=90.0, anywhere=True, errors=("turn=1",), robots=5, bumps=3, radius=0.3
+    study = LocalizeAnywhere(
+        map=path, bounce=(90.0,), errors=("turn=1",), robots=5, bumps=3, radius=0.3
     )
     result = study.run()
     assert result.alike_share == share

@@ -61,7 +61,7 @@ class Offsets:
         if not cells.gridded:
             raise ValueError(
                 "map: its walls do not run along the edges of its cells, so offsets within a cell "
-                "have too many classes; use --anywhere"
+                "have too many classes; use `jaxcell localize anywhere`"
             )
         lines = _lines(walker_path(cells, motion))
         few = len(lines) <= _LINES
@@ -74,7 +74,7 @@ class Offsets:
         if len(classes) > limit or not few:
             raise ValueError(
                 f"map: offsets within a cell have at least {len(classes)} classes; expected at "
-                f"most {limit}, which can be found; use --anywhere"
+                f"most {limit}, which can be found; use `jaxcell localize anywhere`"
             )
         offsets, bumps = zip(*classes.values(), strict=True)
         return cls(cells, motion, np.array(offsets), np.array(bumps))

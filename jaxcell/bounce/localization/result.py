@@ -229,7 +229,7 @@ class RunOnMap(Evidence):
             remarks.append(
                 f"This assumes a start at the centre of a cell. Of {STARTS:,} robots that start "
                 f"anywhere in the cells it loses {lost} within {OBSERVATIONS} observations and "
-                f"places {wrong} wrongly; `--anywhere` loses none."
+                f"places {wrong} wrongly; `jaxcell localize anywhere` loses none."
             )
         if self.touching_starts:
             remarks.append(

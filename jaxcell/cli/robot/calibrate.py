@@ -23,7 +23,8 @@ class RobotCalibrate(Printing):
     """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
     log: Annotated[Path | None, Only(port=False)] = None
     """Log (run.jsonl) of a robot that ran a file anywhere.json. It is used to estimate the angle by
-    which a bump into a wall at 45 degrees turns the robot, for `jaxcell localize --bump-turn`."""
+    which a bump into a wall at 45 degrees turns the robot, for the error
+    bump_turn of `jaxcell localize slip`."""
     file: Annotated[Path | None, Only(log=True)] = None
     """The anywhere.json of the logged run; by default the file named in the log."""
     calibration: Path | None = None
@@ -48,7 +49,8 @@ class RobotCalibrate(Printing):
             degrees = round(math.degrees(estimate_bump_turn(run, task.settings)), 2)
         text = (
             f"A bump at 45 degrees turns the robot by {degrees:g} degrees to the wall, which "
-            f"its encoders do not show: `jaxcell localize --slip 0.02 --bump-turn {degrees:g}`"
+            f"its encoders do not show: `jaxcell localize slip --errors slip=2% "
+            f"bump_turn={degrees:g}deg`"
         )
         self.report({"log": str(self.log), "bump_turn_deg": degrees}, lambda: say(text))
         return 0

@@ -15,6 +15,7 @@ from ...robot.tasks.patrol_task import PatrolTask
 from ...robot.team import MemberTask
 from ...space import CellSpace, Workspace, nearest_cell, visible_cells
 from ...study.bounce.anywhere import pose_at
+from ...study.errors import read_errors
 from ...study.map_study import cell_at
 from ...walls import places_anywhere
 from ..terminal import note
@@ -98,7 +99,8 @@ def emulate(map: Path, task: AnyTask, options: RunOptions, rng: Any) -> Emulatio
     if options.physics:
         return _physical(cells, start, pose, task, options, rng)
     give = bumper_give(cells.cell) if options.give is None else options.give
-    noise = Noise(distance=options.noise, rotation=options.noise, veer=options.noise)
+    slip = read_errors(options.errors, ("slip",)).get("slip", 0.0)
+    noise = Noise(distance=slip, rotation=slip, veer=slip)
     body = Body(workspace, pose, give=give, noise=noise, rng=rng)
     robot = Emulator(body, line=Line(speedup=options.speedup))
     return Emulation(robot, cells, start, pose, task.radius)

@@ -2,11 +2,13 @@
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
+from ...study.errors import ErrorTexts
 from ...study.parameters import AtLeastOne, Degrees, Limit, Only
 from ..output import Printing
 
@@ -23,11 +25,17 @@ _EMULATED_WITHOUT_PHYSICS = Only(simulate=True, physics=False)
 class RunOptions(Printing):
     """The options of a run of a task on a robot."""
 
+    headings: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "driving": ("steps", "tolerance", "turn_tolerance", "speed", "calibration", "remap"),
+        "emulation": ("errors", "give", "physics", "friction", "speedup", "seed"),
+        "run": ("limit", "until", "visits", "bumps"),
+        "patrol": ("robot", "intruder", "camera"),
+    }
+
     file: tyro.conf.Positional[Path]
-    """Task to run: the filter.jxf, policy.jxf or belief.jxb of `jaxcell localize --out`, the
-    anywhere.json of `jaxcell localize` or `navigate` with --anywhere --out, the summary.json of
-    `jaxcell navigate --out`, the team.json of `jaxcell team --out`, or the patrol.json of `jaxcell
-    patrol map --out`."""
+    """Task to run, from the folder --out of a command: filter.jxf or policy.jxf (localize),
+    belief.jxb (localize slip), anywhere.json (localize anywhere, navigate anywhere), summary.json
+    (navigate), team.json (team), or patrol.json (patrol map)."""
     robot: int | None = None
     """Number of the robot in its team or patrol, by default 0. Each robot needs its own process."""
     port: str | None = None
@@ -57,9 +65,9 @@ class RunOptions(Printing):
     give: Annotated[float | None, _EMULATED_WITHOUT_PHYSICS] = None
     """Distance that the bumper of the emulated robot moves before it detects a wall, in metres; by
     default 0.02 times the squared side of a cell, at least 0.0005 and at most 0.02."""
-    noise: Annotated[float, _EMULATED_WITHOUT_PHYSICS] = 0.0
-    """Standard deviation of the relative error of each step and turn of the emulated robot, and of
-    the angle in radians by which it veers per metre."""
+    errors: Annotated[ErrorTexts, _EMULATED_WITHOUT_PHYSICS] = ()
+    """Error slip=2% of the emulated robot: the common standard deviation of the relative errors of
+    each step and turn, and of the angle in radians by which it veers per metre."""
     physics: Annotated[bool, _EMULATED] = False
     """Move the emulated robot with a physics engine, as a Create 2 of its true size. Bumps then
     turn the robot, and its wheels may slip."""

@@ -35,7 +35,7 @@ class AnywhereTask(Task):
 def save_anywhere(path: str | os.PathLike[str], workspace: Workspace, **fields: Any) -> None:
     """Write the task of a robot that starts at an unknown pose to a file.
 
-    The file contains the map and all `fields`. `cell_m`, `directions`, `step_m` and `bounces_deg`
+    The file contains the map and all `fields`. `cell_m`, `directions`, `step_m` and `bounce_deg`
     describe the robot. `headings`, `slices`, `errors` (as a dictionary) and `counted_m` are for the
     arguments `headings`, `slices`, `errors` and `step` of `WallFilter.of`. `known_m`, `aim` and
     `ahead` are for the fields `radius`, `aim` and `ahead` of [`AnywhereSettings`][]. `goal_m` and
@@ -57,7 +57,7 @@ def read_anywhere(path: Path, values: dict[str, Any]) -> AnywhereTask:
     fields = Fields(values, f"{path}: ")
     common = common_fields(path, fields)
     boundary, errors = fields.numbers("boundary", (-1, 2), whole=False), fields.get("errors")
-    bounces = angles(path, fields, "bounces_deg", "anywhere", 1)
+    bounces = angles(path, fields, "bounce_deg", "anywhere", 1)
     headings = fields.whole("headings", 2, 10_000) if values.get("headings") is not None else None
     slices, counted = fields.whole("slices", 2, 100_000), fields.number("counted_m", 0.0)
     goal = None

@@ -52,7 +52,7 @@ class _Choice(Task):
 
     @property
     def header(self) -> dict[str, Any]:
-        return {**super().header, "bounces_deg": [*map(math.degrees, self.bounces)]}
+        return {**super().header, "bounce_deg": [*map(math.degrees, self.bounces)]}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -127,7 +127,7 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
     **Arguments:**
 
     - `path`: a file that a command of `jaxcell` wrote with `--out`: `filter.jxf`, `policy.jxf` or
-        `belief.jxb` (`localize`), `anywhere.json` (`localize` or `navigate` with `--anywhere`),
+        `belief.jxb` (`localize slip`), `anywhere.json` (`localize anywhere`, `navigate anywhere`),
         `summary.json` (`navigate`), `team.json` (`team`), or `patrol.json` (`patrol map`).
     - `robot`: the number of the robot in a team or patrol, by default the first robot.
 
@@ -174,16 +174,14 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
         hidden = HiddenMap.load(path)
         fields = Fields(hidden.metadata, f"{path}: ")
         common = common_fields(path, fields) | {"belief": Belief(hidden)}
-        if hidden.angles > 1 or "bounces_deg" in hidden.metadata:
-            bounces = angles(path, fields, "bounces_deg", "localize", hidden.angles)
-            return BeliefTask(**common, bounces=bounces)
-        return BeliefTask(**common, bounces=(math.radians(fields.number("bounce_deg")),))
+        bounces = angles(path, fields, "bounce_deg", "localize slip", hidden.angles)
+        return BeliefTask(**common, bounces=bounces)
     if read_kind(path) == "policy":
         return _policy(path)
     filter = Filter.load(path)
     fields = Fields(filter.metadata, f"{path}: ")
-    common = common_fields(path, fields)
-    return FilterTask(**common, filter=filter, bounce=math.radians(fields.number("bounce_deg")))
+    bounce, *_ = angles(path, fields, "bounce_deg", "localize", 1)
+    return FilterTask(**common_fields(path, fields), filter=filter, bounce=bounce)
 
 
 def _policy(path: Path) -> PolicyTask:
@@ -191,7 +189,7 @@ def _policy(path: Path) -> PolicyTask:
     fields = Fields(policy.metadata, f"{path}: ")
     onward = 0 if policy.onward is None else policy.onward.turn
     count = 1 + max(int(policy.turn.max()), onward)
-    bounces = angles(path, fields, "bounces_deg", "localize", count)
+    bounces = angles(path, fields, "bounce_deg", "localize", count)
     return PolicyTask(**common_fields(path, fields), policy=policy, bounces=bounces)
 
 

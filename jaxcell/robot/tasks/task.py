@@ -87,9 +87,11 @@ def common_fields(path: Path, fields: Fields) -> dict[str, Any]:
 def angles(path: Path, fields: Fields, name: str, source: str, count: int) -> tuple[float, ...]:
     """Read at least `count` angles in degrees from a file, and return them in radians.
 
+    A number is a list of one angle.
     Error messages name `source`, the command of `jaxcell` that writes such files.
     """
     values = fields.get(name)
+    values = [values] if isinstance(values, float | int) else values
     least = f"at least {count} " if count else ""
     expected = f"a list of {least}angles, as `jaxcell {source} --out` writes it"
     if not isinstance(values, list) or len(values) < count:

@@ -3,73 +3,72 @@
 import dataclasses
 import math
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
-from ... import bounce, space, walls
-from ..map_study import DIRECTION_DEG, MapStudy
-from ..parameters import AtLeastOne, Degrees, Length, Only
-from ..study import Say, numbers, radians
+from ... import bounce as bouncing, space, walls
+from ...base.quantities import Result
+from ..errors import ErrorTexts, read_errors
+from ..map_study import DIRECTION_DEG, RobotStudy
+from ..parameters import AtLeastOne, Count, Degrees, Length, Limit, Only
+from ..study import Say, about, numbers, radians, silent
 
 
-_DEGREE = math.pi / 180
-# The factors from the numbers of `errors` to metres, shares and radians.
-_ERRORS = {"run": 1.0, "distance": 1.0, "late": 1.0, "displacement": 1.0}
-_ERRORS |= {"turn": _DEGREE, "bump_turn": _DEGREE, "heading": _DEGREE}
 # The number of starts whose plans of cells are compared.
 _PLANS = 20
-_ANYWHERE = Only(anywhere=True)
+_SEVERAL = Only(bounce=Count.SEVERAL)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class AnywhereStudy(MapStudy):
+class AnywhereStudy(RobotStudy):
     """Base class of studies whose robots may start anywhere, not only at the centres of cells."""
 
-    seed: int = 0
-    """Seed of the random starts, errors and choices."""
-    anywhere: Annotated[bool, Only(collision="swept")] = False
-    """Start robots anywhere, and track their possible positions along the walls instead of their
-    possible cells. A robot drives straight from bump to bump, and counts the steps of each run."""
-    heading: Annotated[Literal["known", "unknown"], _ANYWHERE] = "known"
+    headings: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "robot": ("heading", "errors", "measured"),
+        "simulation": ("robots", "bumps", "radius", "slices", "seed"),
+    }
+
+    bounce: tuple[Degrees, ...]
+    """Bouncing angles in degrees, counter-clockwise; the robot chooses among several."""
+    start: str | None = None
+    """Start of the first robot, "x,y,heading" in m and degrees; the others start at random, and by
+    default the first, too."""
+    heading: Literal["known", "unknown"] = "known"
     """Knowledge of a robot about its heading at the start: it is one of the directions of the map
     (known), or it may be any heading (unknown)."""
-    errors: Annotated[tuple[str, ...], _ANYWHERE] = ()
-    """Bounds of the errors, each as NAME=VALUE. In metres: distance=0.05 for the length of a run
-    between bumps; late=0.01 for the distance counted between meeting a wall and feeling the bump;
-    displacement=0.03 from a bump to the start of the next run. As a share: run=0.02 of the length
-    of a run. In degrees: turn=1 for a turn; heading=2 for the first heading; bump_turn=2 for the
-    turn toward the wall that a bump at 45 degrees of incidence causes."""
-    measured: Annotated[bool, _ANYWHERE] = False
+    errors: ErrorTexts = ()
+    """Bounds of the errors, each as NAME=VALUE: distance=5cm for the length of a run between bumps;
+    late=1cm for the distance counted between meeting a wall and feeling the bump; displacement=3cm
+    from a bump to the start of the next run; run=2% of the length of a run; turn=1deg for a turn;
+    heading=2deg for the first heading; bump_turn=2deg for the turn toward the wall that a bump at
+    45 degrees of incidence causes."""
+    measured: bool = False
     """Let the robots measure the distance between bumps instead of counting steps."""
-    robots: Annotated[AtLeastOne, _ANYWHERE] = 1000
+    robots: AtLeastOne = 1000
     """Number of robots."""
-    bumps: Annotated[AtLeastOne, _ANYWHERE] = 30
+    bumps: AtLeastOne = 30
     """Number of bumps of each robot."""
-    radius: Annotated[Length | None, _ANYWHERE] = None
+    radius: Length | None = None
     """Distance in metres within which a robot is localized: at a bump, the diagonal of the box
     around all its possible places is at most twice as long. By default half a cell, or the radius
     of the goal."""
-    slices: Annotated[AtLeastOne, _ANYWHERE] = 360
+    slices: AtLeastOne = 360
     """Number of equal intervals into which headings are divided, if they are not known exactly."""
+    seed: int = 0
+    """Seed of the random starts, errors and choices."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.anywhere:
-            self.bounds()
+        self.bounds()
 
     def bounds(self) -> "walls.Errors":
         """Read the bounds of the errors from the parameter `errors`."""
-        bounds = {}
-        for text in self.errors:
-            name, _, value = text.partition("=")
-            if name not in _ERRORS:
-                raise ValueError(f"errors {text!r}: expected one of {', '.join(_ERRORS)}")
-            expected = "a number after ="
-            bounds[name] = numbers("errors", value, 1, expected)[0] * _ERRORS[name]
-        return walls.Errors(**bounds)
+        known = [field.name for field in dataclasses.fields(walls.Errors)]
+        return walls.Errors(**read_errors(self.errors, known))
 
     def needed(self, extent: Any) -> float | int:
-        return 0 if self.anywhere else super().needed(extent)
+        return 0
 
     def filter(self, cells: Any, turns: list[float]) -> "walls.WallFilter":
         """Build the filter that tracks a robot's possible positions on the walls of a map.
@@ -91,7 +90,7 @@ class AnywhereStudy(MapStudy):
         """Keyword arguments `aim` and `ahead` of `walls.drive_anywhere`, if the study has them."""
         return {}
 
-    def save_task(self, result: "bounce.Anywhere", out: Path) -> None:
+    def write(self, result: "bouncing.Anywhere", out: Path) -> None:
         """Write the task file for `jaxcell robot run`."""
         from ...robot.tasks.anywhere_task import save_anywhere
 
@@ -106,7 +105,7 @@ class AnywhereStudy(MapStudy):
             "cell_m": cells.cell,
             "directions": cells.directions,
             "step_m": cells.cell if self.step is None else self.step,
-            "bounces_deg": result.bounces_deg.tolist(),
+            "bounce_deg": result.bounce_deg.tolist(),
             "headings": result.headings,
             "slices": self.slices,
             "errors": dataclasses.asdict(filter.errors),
@@ -114,7 +113,7 @@ class AnywhereStudy(MapStudy):
             "known_m": result.radius,
             **self.choice,
         }
-        if isinstance(result, bounce.HomeFromAnywhere):
+        if isinstance(result, bouncing.HomeFromAnywhere):
             about |= {"goal_m": result.homing.goal, "goal_radius_m": result.homing.radius}
         assert cells.workspace is not None
         save_anywhere(out / "anywhere.json", cells.workspace, **about)
@@ -122,24 +121,22 @@ class AnywhereStudy(MapStudy):
     def _known_headings(self, cells: Any) -> int | None:
         return cells.directions if self.heading == "known" else None
 
-    def run_anywhere(
-        self,
-        bounces: tuple[Degrees, ...],
-        start: str | None,
-        say: Say,
-        goal: tuple[tuple[float, float], float] | None = None,
-    ) -> "bounce.Anywhere":
-        """Simulate robots that start anywhere, to localize them or to bring them to a goal.
+    def simulate(
+        self, say: Say, goal: tuple[tuple[float, float], float] | None = None
+    ) -> "bouncing.Anywhere":
+        """Simulate robots, to localize them or to bring them to a goal.
 
-        `start` is the pose of the first robot, and `goal` a centre and a radius, in metres.
+        `goal` is a centre and a radius, in metres.
         """
         cells = self.cells()
         workspace = cells.workspace
         assert workspace is not None
         headings = self._known_headings(cells)
-        first = None if start is None else pose_at(workspace, start, "start", headings)
+        first = None
+        if self.start is not None:
+            first = pose_at(workspace, self.start, "start", headings)
         say("finding the chords of the room")
-        angles = radians(bounces)
+        angles = radians(self.bounce)
         filter = self.filter(cells, angles.tolist())
         homing = None
         if goal is not None:
@@ -164,9 +161,59 @@ class AnywhereStudy(MapStudy):
         driven: dict[str, Any] = {"cells": cells, "filter": filter, "bounces": angles}
         driven |= {"radius": radius, "trial": trial, "headings": headings}
         if homing is None:
-            return bounce.Anywhere(**driven)
+            return bouncing.Anywhere(**driven)
         planned = _planned(cells, angles, trial, homing.goal)
-        return bounce.HomeFromAnywhere(**driven, homing=homing, **planned)
+        return bouncing.HomeFromAnywhere(**driven, homing=homing, **planned)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LocalizeAnywhere(AnywhereStudy):
+    """Localize robots that start anywhere, by the sets of their possible places on the walls.
+
+    A robot drives straight from bump to bump, and counts the steps of each run."""
+
+    name: ClassVar[str] = "localization"
+    command: ClassVar[str] = "localize anywhere"
+    example: ClassVar[str] = "@lab_b --bounce 45 135 --errors run=2% turn=1deg --measured"
+    task: ClassVar[str] = "localize anywhere"
+
+    aim: Annotated[Literal["worst", "mean"], _SEVERAL] = "worst"
+    """Statistic to minimize by the choice among angles: the largest (worst) or the mean size of the
+    set of possible positions."""
+    ahead: Annotated[int, Limit(ge=1, le=3), _SEVERAL] = 1
+    """Number of bumps to look ahead in the choice among angles."""
+
+    @property
+    def choice(self) -> dict[str, Any]:
+        return {"aim": self.aim, "ahead": self.ahead}
+
+    def run(self, say: Say = silent) -> Result:
+        return self.simulate(say)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class NavigateAnywhere(AnywhereStudy):
+    """Lead robots that start anywhere to a goal, by the sets of their possible places on the walls.
+
+    A robot drives straight from bump to bump, and counts the steps of each run."""
+
+    name: ClassVar[str] = "navigation"
+    command: ClassVar[str] = "navigate anywhere"
+    example: ClassVar[str] = "@complex --bounce 45 100 135 --goal 1,1 --measured --robots 20"
+    task: ClassVar[str] = "navigate anywhere"
+
+    goal: str
+    """Goal, "x,y" or "x,y,radius" in metres. By default the radius is the side of a cell, or half a
+    metre if cells are smaller."""
+
+    def run(self, say: Say = silent) -> Result:
+        expected = '"x,y" or "x,y,radius" in metres'
+        x, y, *given = numbers("goal", self.goal, 2 + (self.goal.count(",") > 1), expected)
+        (radius,) = given or [max(self.cells().cell, 0.5)]
+        Limit(gt=0).check(f"goal {self.goal!r}: radius", radius, " m")
+        with about(f"goal {self.goal!r}"):
+            self.cells().index(x, y)
+        return self.simulate(say, ((x, y), radius))
 
 
 def pose_at(
@@ -209,7 +256,9 @@ def _planned(
     for place, heading in zip(trial.start[:_PLANS], trial.heading[:_PLANS, 0], strict=True):
         start = int(space.nearest_cell(cells, place[0], place[1], heading))
         candidates = [
-            bounce.plan(cells, bounces=angles, start=start, goal=direction * cells.positions + end)
+            bouncing.plan(
+                cells, bounces=angles, start=start, goal=direction * cells.positions + end
+            )
             for direction in range(0, cells.directions, max(1, cells.directions // 8))
         ]
         arriving = [candidate for candidate in candidates if candidate.found]

@@ -4,10 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from ... import bounce, space, verify as verification
+from ... import bounce as bouncing, space, verify as verification
+from ..errors import ErrorTexts, read_errors
 from ..map_study import MapStudy
 from ..parameters import AtLeastOne, Degrees, Limit
-from ..study import Say, radians, silent
+from ..study import Say, radians, renamed, silent
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -16,13 +17,13 @@ class Cover(MapStudy):
 
     name: ClassVar[str] = "coverage"
     command: ClassVar[str] = "cover"
-    example: ClassVar[str] = "@complex --bounces 30 75 315 --error 5 --reliability 0.8"
+    example: ClassVar[str] = "@complex --bounce 30 75 315 --errors turn=5deg --reliability 0.8"
     task: ClassVar[str] = "cover"
 
-    bounces: tuple[Degrees, ...]
+    bounce: tuple[Degrees, ...]
     """Bouncing angles in degrees, counter-clockwise."""
-    error: Annotated[Degrees, Limit(ge=0)]
-    """Largest error of a turn in degrees. It must be a multiple of the angle between directions."""
+    errors: ErrorTexts
+    """Largest error of a turn, turn=5deg. It must be a multiple of the angle between directions."""
     reliability: Annotated[float, Limit(gt=0, le=1)]
     """Probability of a turn without error."""
     target: str = "uniform"
@@ -33,37 +34,49 @@ class Cover(MapStudy):
     directions: AtLeastOne | None = 360
     """Number of directions in which the robot can drive."""
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        Limit(ge=0).check("errors: turn", self.error, " degrees")
+
+    @property
+    def error(self) -> float:
+        """The largest error of a turn, in degrees."""
+        turn = read_errors(self.errors, ("turn",), needed="turn")["turn"]
+        return round(math.degrees(turn), 9)
+
     def check_files(self) -> None:
         super().check_files()
         check_target(self.target)
 
     def needed(self, extent: "space.Extent") -> float | int:
         # There are at most as many different turns as directions.
-        spread = min(max(self.error * extent.directions / 360, 0), extent.directions)
+        spread = min(self.error * extent.directions / 360, extent.directions)
         branches = 1 + 2 * round(spread)
-        angles = len(self.bounces)
+        angles = len(self.bounce)
         return space.estimates.coverage(extent, self.motion, angles=angles, branches=branches)
 
-    def run(self, say: Say = silent) -> "bounce.CoveragePolicy":
+    def run(self, say: Say = silent) -> "bouncing.CoveragePolicy":
         from .target import read_target
 
         cells = self.cells()
-        count = len(self.bounces)
+        count = len(self.bounce)
         doing = (
             f"covering {cells.positions:,} positions by {count} angles, {cells.size:,} cells each"
         )
         say(doing)
         check_target(self.target)
-        return bounce.coverage_policy(
-            cells,
-            radians(self.bounces),
-            math.radians(self.error),
-            self.reliability,
-            read_target(cells, self.target),
-            weights=self.weights,
-            motion=self.motion,
-            progress=lambda done: say(doing, done, count),
-        )
+        target = read_target(cells, self.target)
+        with renamed(bounces="bounce", error="errors"):
+            return bouncing.coverage_policy(
+                cells,
+                radians(self.bounce),
+                math.radians(self.error),
+                self.reliability,
+                target,
+                weights=self.weights,
+                motion=self.motion,
+                progress=lambda done: say(doing, done, count),
+            )
 
     def verify(self, result: Any) -> "Sequence[verification.Comparison]":
         error = math.radians(self.error)

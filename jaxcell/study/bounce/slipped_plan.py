@@ -23,13 +23,13 @@ _PLANS, _MEANS, _MOST = 4, 4, 4000
 
 
 def slipped_plan(
-    plan: Plan, error: float, bounces_deg: Sequence[float], step: float | None, say: Say
+    plan: Plan, error: float, bounce_deg: Sequence[float], step: float | None, say: Say
 ) -> SlippedPlan:
     """Find the probability that a slipping robot reaches its goal with a plan and with a policy.
 
     `error` is the parameter `slip` of the study, and `step` the length of a step in metres.
     """
-    cells, bounces = plan.cells, np.radians(bounces_deg).tolist()
+    cells, bounces = plan.cells, np.radians(bounce_deg).tolist()
     slip = Slip.of(error, give=bumper_give(cells.cell))
     fine = FineCells.within(cells, slip)
     say(f"mapping {fine.size:,} fine cells")

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ... import bounce, space, verify as verification
+from ... import bounce as bouncing, space, verify as verification
 from ..map_study import MapStudy, cell_at
 from ..parameters import AtLeastOne, Degrees
-from ..study import Say, radians, silent
+from ..study import Say, radians, renamed, silent
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -16,13 +16,13 @@ class Team(MapStudy):
 
     name: ClassVar[str] = "team"
     command: ClassVar[str] = "team"
-    example: ClassVar[str] = "@complex --robots 4 --bounces 135"
+    example: ClassVar[str] = "@complex --robots 4 --bounce 135"
 
-    bounces: tuple[Degrees, ...]
+    bounce: tuple[Degrees, ...]
     """Bouncing angles in degrees, counter-clockwise: one for all robots, or one per robot."""
     robots: int | None = None
     """Number of robots that start at random cells; by default 2."""
-    starts: tuple[str, ...] = ()
+    start: tuple[str, ...] = ()
     """Start of each robot, by default random: "x,y,heading" in m and degrees, or a cell number."""
     seed: int = 0
     """Seed of the random starts."""
@@ -33,33 +33,34 @@ class Team(MapStudy):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.starts and self.robots not in (None, len(self.starts)):
+        if self.start and self.robots not in (None, len(self.start)):
             raise ValueError(
-                f"robots {self.robots}: `starts` names {len(self.starts)}; give one of the two"
+                f"robots {self.robots}: `start` names {len(self.start)}; give one of the two"
             )
 
     def needed(self, extent: "space.Extent") -> float | int:
         return space.estimates.team(extent, self.motion)
 
-    def run(self, say: Say = silent) -> "bounce.TeamTrajectory":
+    def run(self, say: Say = silent) -> "bouncing.TeamTrajectory":
         cells = self.cells()
         starts = self._starts(cells)
         plural = "robot" if len(starts) == 1 else "robots"
         doing = f"covering {cells.positions:,} positions with {len(starts)} {plural}"
         say(doing)
-        return bounce.team_trajectory(
-            cells,
-            starts,
-            radians(self.bounces),
-            motion=self.motion,
-            max_parts=self.max_parts,
-            part_steps=self.part_steps,
-            progress=lambda parts, covered: say(f"{doing}: {covered:,} in {parts:,} parts"),
-        )
+        with renamed(bounces="bounce", starts="start"):
+            return bouncing.team_trajectory(
+                cells,
+                starts,
+                radians(self.bounce),
+                motion=self.motion,
+                max_parts=self.max_parts,
+                part_steps=self.part_steps,
+                progress=lambda parts, covered: say(f"{doing}: {covered:,} in {parts:,} parts"),
+            )
 
     def spec(self, result: Any) -> dict[str, Any]:
         starts = result.starts.tolist()
-        return {**super().spec(result), "robots": len(starts), "starts": starts}
+        return {**super().spec(result), "robots": len(starts), "start": starts}
 
     def write(self, result: Any, out: Path) -> None:
         from ...robot.team import member_actions, save_team
@@ -67,7 +68,7 @@ class Team(MapStudy):
         spec = self.spec(result)
         steps = space.free_steps(result.cells, self.motion)
         x, y, theta = (each.tolist() for each in result.cells.centre(result.starts))
-        bounces = self.bounces * (1 if len(self.bounces) > 1 else len(x))
+        bounces = self.bounce * (1 if len(self.bounce) > 1 else len(x))
         save_team(
             out / "team.json",
             spec,
@@ -77,11 +78,11 @@ class Team(MapStudy):
         )
 
     def verify(self, result: Any) -> "Sequence[verification.Comparison]":
-        return verification.compare_team(result, radians(self.bounces), motion=self.motion)
+        return verification.compare_team(result, radians(self.bounce), motion=self.motion)
 
     def _starts(self, cells: "space.CellSpace") -> list[int]:
-        if self.starts:
-            return [cell_at(cells, start, "starts") for start in self.starts]
+        if self.start:
+            return [cell_at(cells, start, "start") for start in self.start]
         robots = 2 if self.robots is None else self.robots
         if not 1 <= robots <= cells.positions:
             raise ValueError(

@@ -2,6 +2,7 @@ import contextlib
 import dataclasses
 import functools
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -32,6 +33,19 @@ class Drift(SeaStudy):
     command: ClassVar[str] = "drift"
     example: ClassVar[str] = "@gyres --depths 0 --out runs/drift"
     task: ClassVar[str] = "drift"
+    headings: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "current": ("grid", "time", "current", "variables", "windage", "stokes", "land", "gaps"),
+        "step": ("duration", "method", "rho", "spread", "edge", "coast", "diffusivity"),
+        "further": (
+            "until",
+            "drifters",
+            "after",
+            "resuspension",
+            "search",
+            "discount",
+            "seed",
+        ),
+    }
 
     file: tyro.conf.Positional[tuple[Path, ...]]
     """Currents: NetCDF files (one per period, or one for u and one for v), a pattern such as
@@ -62,7 +76,7 @@ class Drift(SeaStudy):
     method: Literal["drifters", "source"] = "drifters"
     """Method to build the map of cells: follow sample points of each cell, which may leave the map
     (drifters), or use the rules of Alam 2018 (source): --spread turned and --edge uniform."""
-    rho: Annotated[Share, Only(spread=("turned", "all")), Only(method="source", spread=False)] = 0.8
+    rho: Annotated[Share, Only(spread=("turned", "all")), Only(method="source")] = 0.8
     """Probability that a drifter follows the current in a step, without a disturbance."""
     spread: Literal["turned", "all", "sampled"] | None = None
     """Cells to which a step leads: the cell ahead along the current, and those at 45 degrees to
@@ -121,6 +135,8 @@ class Drift(SeaStudy):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.method == "source" and self.spread == "sampled":
+            raise ValueError("spread: expected turned or all with `method` source, got sampled")
         self._place("start")
         self._place("goal")
 

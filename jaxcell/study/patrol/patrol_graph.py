@@ -1,5 +1,5 @@
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
@@ -18,10 +18,8 @@ if TYPE_CHECKING:
 
 
 _Positive: TypeAlias = Annotated[float, Limit(gt=0)]
-# A walk on a part of a graph cannot have parameters that name vertices outside this part.
-_OF_ALL = Only(
-    robots=True, vertex=False, emphasis=False, visits=False, attack_times=False, constraints=False
-)
+# Parameters that may name vertices outside a part of the graph.
+_OF_VERTICES = ("vertex", "emphasis", "visits", "attack_times", "constraints")
 # The least travel time of a round in seconds, between vertices in one place.
 _BRIEFEST = 1e-6
 # The strategies whose walks do not depend on travel times.
@@ -36,6 +34,18 @@ class PatrolGraph(Study):
     command: ClassVar[str] = "patrol graph"
     example: ClassVar[str] = "@random --robots 2"
     task: ClassVar[str] = "patrol"
+    headings: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "walk": (
+            "share",
+            "constraints",
+            "paths",
+            "attack_times",
+            "memory_states",
+            "values",
+            "time_unit",
+        ),
+        "team": ("division", "base", "charger", "every", "baselines"),
+    }
 
     file: tyro.conf.Positional[Annotated[Path | Any, tyro.conf.arg(constructor=Path)]]
     """Graph: a name such as @eight, or a file: node-link .json, .graphml, .gml, .adjlist, .graph of
@@ -64,9 +74,7 @@ class PatrolGraph(Study):
     attack_times: Annotated[Path | None, Only(strategy="capture", attack_time=False)] = None
     """File with a line "vertex steps" for each vertex: the duration of an attack on it in steps, or
     in seconds with --speed."""
-    memory_states: Annotated[
-        AtLeastOne, Only(strategy="capture", division=False, base=False, charger=False)
-    ] = 1
+    memory_states: Annotated[AtLeastOne, Only(strategy="capture")] = 1
     """Number of memory states of a robot; its state may change at each move. The result compares
     walks with 1, 2, 4, ... states, a tour, and an upper bound."""
     visits: Annotated[
@@ -84,10 +92,12 @@ class PatrolGraph(Study):
     """Duration of an attack in steps, or in seconds with --speed."""
     robots: AtLeastOne = 1
     """Number of patrollers, which walk independently."""
-    division: Annotated[Literal["shared", "partition"] | None, _OF_ALL] = None
+    division: Annotated[
+        Literal["shared", "partition"] | None, Only(robots=True, memory_states=False)
+    ] = None
     """Division of the graph among several robots: all patrol the whole graph (shared), or each
     patrols a part of it (partition). The result compares both. By default all patrol the whole
-    graph, and nothing is compared."""
+    graph, and nothing is compared. A walk on a part has no options that name vertices."""
     speed: _Positive | None = None
     """Speed in metres per second, which determines the travel time of each edge. By default an edge
     takes one step."""
@@ -96,10 +106,10 @@ class PatrolGraph(Study):
     durations of attacks down, so that the walk captures at least what is computed. A smaller unit
     takes longer. By default it is 1 s or, with attacks, a fraction of the longest attack down to
     1/24, for which times are rounded least."""
-    base: str | None = None
+    base: Annotated[str | None, Only(memory_states=False)] = None
     """Base station: a vertex where robots report news. The result contains the age of the news at
     the base."""
-    charger: Annotated[str | None, Only(speed=False)] = None
+    charger: Annotated[str | None, Only(speed=False, memory_states=False)] = None
     """Vertex to which each robot must return within --every steps. The walk is changed to meet this
     condition; with --attack-time, a new walk is optimized under this condition instead."""
     every: Annotated[int | None, Needed(charger=True)] = None
@@ -118,6 +128,9 @@ class PatrolGraph(Study):
         for i, name in enumerate(self.emphasis):
             if name in self.emphasis[:i]:
                 raise ValueError(f"emphasis: vertex {name!r} comes twice")
+        for name in _OF_VERTICES:
+            if self.division is not None and getattr(self, name):
+                raise ValueError(f"division: a part of the graph may lack vertices of `{name}`")
 
     def memory(self, written: bool = False) -> float | int:
         graph, _ = patrol.load_graph(self.file)

@@ -1,5 +1,5 @@
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
@@ -27,6 +27,11 @@ class PatrolMap(CellStudy):
     name: ClassVar[str] = "patrol_map"
     command: ClassVar[str] = "patrol map"
     example: ClassVar[str] = "@depot --robots 2 --range 6"
+    headings: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "team": ("sight", "base_range", "lost"),
+        "search": ("randomness", "frontier", "initial_walks"),
+        "attack": ("distribution", "runs"),
+    }
 
     robots: AtLeastOne | Literal["auto"] = 2
     """Number of robots; "auto" chooses the smallest number, up to 20, that reaches --capture."""
@@ -41,19 +46,19 @@ class PatrolMap(CellStudy):
     strategy: Literal["commute", "capture"] = "commute"
     """Aim of the walks: the shortest mean commute time between cells (commute), or the highest
     probability of capture at the weakest cell (capture). The search for the latter finds a local
-    maximum, for the first of the attack times and the distribution --start."""
+    maximum, for the first of the attack times and the given --distribution."""
     share: Annotated[_Floor | Literal["auto"], Only(strategy="commute")] = "auto"
     """Minimum share of steps on the shortest closed tour through the cells that see the whole map.
     "auto" tries 0, 0.2, 0.5 and 0.8, and takes the share with the highest probability of capture;
     on more than 2,000 cells it takes 0."""
-    start: Literal["stationary", "uniform", "worst"] = "stationary"
+    distribution: Literal["stationary", "uniform", "worst"] = "stationary"
     """Distribution of each robot when an attack begins, over its cells that do not see the target:
     as in the long run (stationary), uniform, or best for the adversary (worst)."""
     randomness: Annotated[_Floor, _CAPTURE] = 0.0
     """Minimum share of steps in which a robot chooses a neighbour uniformly at random."""
     frontier: Annotated[tuple[_Floor, ...], _CAPTURE] = ()
     """Values of --randomness for which capture and entropy are compared."""
-    starts: Annotated[AtLeastOne, _CAPTURE] = 2
+    initial_walks: Annotated[AtLeastOne, _CAPTURE] = 2
     """Number of initial walks of the search: a tour that sees the whole map, then random walks."""
     base: Annotated[str | None, Only(strategy="commute", capture=False)] = None
     """Base station where robots report, and around which each robot has a region: "x,y" in metres,
@@ -101,7 +106,7 @@ class PatrolMap(CellStudy):
         target = None if self.target is None else _position(cells, self.target, "target")
         regions = self._regions(cells, graph)
 
-        attack, beside = patrol.Attack(self.attack_times, self.start), Secondary()
+        attack, beside = patrol.Attack(self.attack_times, self.distribution), Secondary()
         team, size_capture = find_team(self, graph, visible, regions, attack, say)
         site = graph, visible, team.policies
         frontier = self._frontier(graph, visible, len(team.policies), attack, beside, say)

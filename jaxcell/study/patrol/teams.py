@@ -73,7 +73,11 @@ def _searched(
 ) -> Team:
     """Search for the robots that capture most."""
     say(f"searching for the patrol of {robots} robots that captures most")
-    options: Any = {"randomness": study.randomness, "starts": study.starts, "seed": study.seed}
+    options: Any = {
+        "randomness": study.randomness,
+        "starts": study.initial_walks,
+        "seed": study.seed,
+    }
     search = patrol.capture_policies(graph, visible, robots, attack, say=say, **options)
     return Team(policies=search.policies, least=search.value, search=search)
 

@@ -30,7 +30,7 @@ def test_a_heading_that_contradicts_the_start_is_refused(filter_file, capsys):
 def test_a_robot_whose_set_has_lost_the_truth_exits_with_status_1(tmp_path, capsys):
     # The same room, 20 m farther East than on the map of the robot.
     path = tmp_path / "anywhere.json"
-    fields = {"bounces_deg": [100.0], "headings": None, "slices": 360, "errors": {"distance": 0.5}}
+    fields = {"bounce_deg": [100.0], "headings": None, "slices": 360, "errors": {"distance": 0.5}}
     room = Workspace([(0, 0), (6, 0), (6, 2), (2, 2), (2, 5), (0, 5)])
     save_anywhere(path, room, **fields, **SIZES, counted_m=0.0, known_m=5.0)
     moved = tmp_path / "moved.json"

@@ -40,7 +40,7 @@ def test_a_sketch_confirms_by_as_many_observations_as_asked(filter_file, tmp_pat
     with pytest.raises(ValueError, match="confirm: it has an effect only with"):
         RobotSketch(file=filter_file, heading=0.0, confirm=7, smallest=True).run()
     policy = tmp_path / "policy.jxf"
-    spec = {**SPEC, "bounces_deg": [45.0, 135.0]}
+    spec = {**SPEC, "bounce_deg": [45.0, 135.0]}
     localization_policy(LAB, np.radians([45, 135]), metadata=spec).policy.save(policy)
     with pytest.raises(ValueError, match="--confirm: the sketch of a policy cannot confirm"):
         RobotSketch(file=policy, heading=0.0, confirm=7).run()
@@ -66,7 +66,7 @@ def test_smallest_machines_are_exported_with_their_proof(filter_file, tmp_path, 
 
 def test_a_choice_of_angles_becomes_a_sketch_and_a_header(tmp_path, capsys):
     file, header = tmp_path / "policy.jxf", tmp_path / "policy.h"
-    spec = {**SPEC, "bounces_deg": [45.0, 135.0]}
+    spec = {**SPEC, "bounce_deg": [45.0, 135.0]}
     found = localization_policy(LAB, np.radians([45, 135]), metadata=spec)
     found.policy.save(file)
     assert RobotSketch(file=file, heading=90.0).run() == 0

@@ -18,7 +18,7 @@ from jaxcell.record.bounce.anywhere import stretches
 from jaxcell.record.bounce.policy import _tree
 from jaxcell.record.canvas.palette import CURRENT, ROBOT
 from jaxcell.space import CellSpace, Motion
-from jaxcell.study import Localize
+from jaxcell.study import LocalizeAnywhere
 
 
 MOST_ARROWS = 400
@@ -213,7 +213,7 @@ def test_a_large_policy_is_a_tree_with_the_run(adaptive, monkeypatch):
 @pytest.mark.parametrize("heading", ["known", "unknown"])
 def test_a_robot_that_starts_anywhere_is_on_a_stretch_after_each_bump(heading):
     small = {"heading": heading, "robots": 1, "bumps": 8, "slices": 72, "directions": 8}
-    localization = Localize(map=bundled("lab_a"), bounce=135.0, anywhere=True, **small).run()
+    localization = LocalizeAnywhere(map=bundled("lab_a"), bounce=(135.0,), **small).run()
     for bump, place in zip(localization.bump.tolist(), localization.trial.place[0], strict=True):
         walls = shapely.linestrings(stretches(localization, bump))
         assert shapely.distance(walls, shapely.Point(place)).min() < 1e-4

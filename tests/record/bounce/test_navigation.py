@@ -32,7 +32,7 @@ def planned(cells):
 
 @pytest.fixture(scope="module")
 def recorded(cells, planned):
-    return read_back(planned, {"bounces_deg": [45, 90, 135]})
+    return read_back(planned, {"bounce_deg": [45, 90, 135]})
 
 
 @pytest.fixture(scope="module")
@@ -144,7 +144,7 @@ def test_the_text_tells_the_plan(planned, recorded):
         count, _, unit = part.partition(" ")
         actions += [0.0] * int(count) if unit else [np.deg2rad(float(part.rstrip("°")))]
     np.testing.assert_allclose(actions, planned.actions)
-    assert "bounces_deg" in text
+    assert "bounce_deg" in text
 
 
 @pytest.mark.parametrize("goal", [5, 0])
