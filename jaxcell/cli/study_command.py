@@ -137,7 +137,7 @@ class StudyCommand(Printing):
         if self.json:
             say(json.dumps(summary))
         else:
-            show(result, question.headline(question.spec(result)), summary["seconds"])
+            show(result, question.headline(question.spec(result)))
             if self.out is not None and drawn:
                 note_results(self.out)
             elif self.out is not None:
