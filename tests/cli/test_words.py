@@ -1,4 +1,4 @@
-"""What may be typed on a command line, and the one line that answers a wrong word."""
+"""Command lines accept numbers with units, and answer a wrong word in one line with the remedy."""
 
 import math
 import shlex
