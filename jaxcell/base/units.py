@@ -27,7 +27,7 @@ _SIZES: dict[str, dict[str, Fraction | float | int]] = {
     "s": {"s": 1, "min": 60, "h": 3600, "d": _DAY},
     "share": {"%": _CENT},
 }
-_NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*([^\d\s]+)", re.IGNORECASE)
+_NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d{1,3})?)\s*([^\d\s]+)", re.IGNORECASE)
 
 
 def number_of(text: str, unit: str) -> float:

@@ -10,6 +10,7 @@ from typing import Any
 
 from ..base.bundled import bundled_names
 from ..base.memory import LIMIT, check_addresses, read_size
+from ..base.paths import absent
 from .completion import OPTION as COMPLETION, print_completion
 from .demo import Demo
 from .docs import Docs
@@ -77,7 +78,8 @@ def _line(error: ValueError | OSError | MemoryError) -> str:
     # Python itself says nothing.
     text = str(error) or "the memory is too little"
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
-        text = f"{error.filename}: {error.strerror}"
+        missing = isinstance(error, FileNotFoundError)
+        text = str(absent(error.filename)) if missing else f"{error.filename}: {error.strerror}"
     text = " ".join(re.sub(r"\[Errno -?\d+\] ", "", text).split())
     text = "".join(letter if letter.isprintable() else "\ufffd" for letter in text)
     return text if len(text) <= _MAX_LETTERS else f"{text[:_MAX_LETTERS]} ..."
@@ -148,7 +150,7 @@ def _limited(args: Sequence[str]) -> list[str]:
 def read(args: Sequence[str]) -> tuple[str, Any]:
     """Parse the words of a command line, and return the name of the command and its options."""
     words = list(args)
-    if words[:1] == ["help"]:
+    while words[:1] == ["help"]:
         words = [*words[1:], "--help"]
     if (command := read_study(words)) is not None:
         return command

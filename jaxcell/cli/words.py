@@ -11,7 +11,7 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
-from ..base.bundled import with_path
+from ..base.bundled import bundled_names, with_path
 from ..base.paths import existing
 from ..base.units import EXPECTED, number_of
 from ..study.parameters import Limit, Unit, inside, listed, parameters, within
@@ -20,6 +20,7 @@ from .help import is_positional, option, page
 
 # A number may begin with a sign, a name of an option not with a digit.
 _OPTION = re.compile(r"-+[^\d\W.]|--")
+_UNIT = re.compile(r"[^\d\W]+|[°%]")
 
 
 def parsed(kind: Any, name: str, words: Sequence[str]) -> Any:
@@ -89,18 +90,23 @@ def _count(hint: Any) -> int | None:
 def _taken(flag: str, hint: Any, queue: list[str], joined: bool, wants_place: bool) -> list[str]:
     """Take the words of an option from the `queue`.
 
-    A last word that does not fit is left for a missing argument, as in `--bounce 45 @lab_a`.
+    Several numbers may be separated by commas, and a unit may be a word of its own. A last word
+    that does not fit is left for a missing argument, as in `--bounce 45 @lab_a`.
     """
-    count = _count(hint)
+    count, (_, kinds) = _count(hint), _types(hint)
     taken: list[str] = []
     if count == 0 and joined:
         raise ValueError(f"{flag}: it takes no value, got {queue[0]!r}")
     while queue and len(taken) != count and (joined or not _OPTION.match(queue[0])):
+        if count != 1 and not {int, float}.isdisjoint(kinds):
+            queue[:1] = queue[0].split(",")
         last = not queue[1:] or _OPTION.match(queue[1])
         if count is None and taken and last and wants_place and not _fits(hint, queue[0]):
             break
         taken.append(queue.pop(0))
         joined = False
+        if float in kinds and queue and _UNIT.fullmatch(queue[0]):
+            taken[-1] += queue.pop(0) if _fits(hint, taken[-1] + queue[0]) else ""
     if count is not None and len(taken) < count:
         many = _expected(hint) if count == 1 else f"{count} values"
         raise ValueError(f"{flag}: expected {many}, got {len(taken) or 'nothing'}")
@@ -118,8 +124,6 @@ def _fits(hint: Any, word: str) -> bool:
 def _value(flag: str, hint: Any, words: Sequence[str]) -> Any:
     if _count(hint) == 0:
         return True
-    if _count(hint) is None and {str, Path}.isdisjoint(_types(hint)[1]):
-        words = [part for word in words for part in word.split(",")]
     try:
         values = tuple(_one(hint, word) for word in words)
     except ValueError as error:
@@ -138,7 +142,8 @@ def _one(hint: Any, word: str) -> Any:
         try:
             if kind is float:
                 return number_of(word, _unit(hint))
-            return kind(with_path(word) if kind in (str, Path) else word)
+            file = kind is Path or (kind is str and word[1:] in bundled_names())
+            return kind(with_path(word) if file else word)
         except ValueError:
             continue
     near = difflib.get_close_matches(word, choices, 1)

@@ -21,6 +21,10 @@ from jaxcell.cli.app import read
         ("groups @lab_a --bounce -45", "bounce", (-45.0,)),
         ("groups --bounce 45 @lab_a", "bounce", (45.0,)),
         ("groups --bounce 45 @lab_a", "map", bundled("lab_a")),
+        ("groups @lab_a --bounce 45 deg 90 °", "bounce", (45.0, 90.0)),
+        ("groups @lab_a --bounce 45 90 --cell 0.5 m", "cell", 0.5),
+        ("drift --duration 2 h @gyres", "duration", 7200.0),
+        ("drift @gyres --bounds=-118.1,33.4,-118,33.5", "bounds", (-118.1, 33.4, -118.0, 33.5)),
         ("groups --cell 50cm @lab_a --bounce 45", "cell", 0.5),
         ("groups @lab_a --bounce 45 --cell .5m", "cell", 0.5),
         ("groups @lab_a --bounce 45 --robot_radius 57mm", "robot_radius", 0.057),
@@ -74,8 +78,12 @@ groups @lab_a 45
     unexpected word '45'; did you mean --bounce 45?
 groups @lab_a bounce 45
     unexpected word 'bounce'; did you mean --bounce?
-groups @lab_a --bounce 45 --cell 1 m
-    unexpected word 'm'; jaxcell groups --help lists the options
+groups @lab_a --bounce 45 deg 90 kg
+    --bounce: expected degrees such as 45 or 45deg, got 'kg'
+groups @lab_a --bounce 45,
+    --bounce: expected a value, got an empty text
+groups @lab_a --bounce 45 --cell 1 kg
+    unexpected word 'kg'; jaxcell groups --help lists the options
 groups
     missing MAP, --bounce; for example: jaxcell groups @lab_a --bounce 45 90 135
 groups @lab_a
@@ -114,6 +122,8 @@ cover @lab_a --bounces 45 --error 1 --reliability often
     --reliability: expected a number from 0 to 1, or a percentage such as 2%, got 'often'
 drift @gyres --bounds 1 2 3
     --bounds: expected 4 values, got 3
+robot replay run.json
+    run.json: there is no such file
 drift @gyres --duration soon
     --duration: expected seconds such as 90, 90s, 1.5min or 2h, got 'soon'
 drift @drifters
@@ -138,10 +148,11 @@ PAIRS = [(line, error.strip()) for line, error in zip(ROWS[::2], ROWS[1::2], str
 @pytest.mark.parametrize(("line", "expected"), PAIRS, ids=ROWS[::2])
 def test_a_wrong_word_is_answered_in_one_line(line, expected, monkeypatch, tmp_path, capsys):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("jaxcell.cli.terminal.FIRST_LINE", 3600.0)
     (tmp_path / "hall.txt").write_text("...\n")
     words = shlex.split(line)
     assert main(words) == 2
-    name = " ".join(words[: 1 + (words[1:2] in (["map"], ["status"]))])
+    name = " ".join(words[: 1 + (words[1:2] in (["map"], ["replay"], ["status"]))])
     assert capsys.readouterr() == ("", f"jaxcell {name}: {expected}\n")
 
 
