@@ -17,11 +17,11 @@ from ..study import (
     Study,
     Team,
 )
-from .help import parsed
 from .output import write_text
 from .startup import starting
 from .study_command import command_of
 from .terminal import note, note_results, stdout_on_stderr
+from .words import parsed
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -36,28 +36,25 @@ def example(kind: Any, name: str) -> str:
     return f"jaxcell {name} {kind.example}".rstrip()
 
 
-def parsed(kind: Any, name: str, words: Sequence[str]) -> Any:
-    """Parse the options `words` of the command `name` into an instance of its class `kind`."""
+def page(kind: Any, name: str) -> NoReturn:
+    """Print the page of help of the command `name` with the class `kind`, and exit."""
     about = [inspect.cleandoc(kind.__doc__ or "")]
     if one_of := getattr(kind, "one_of", ()):
         about.append(f"Needs {listed(tuple(option(kind, name) for name in one_of))}.")
     about += [f"Example: {example(kind, name)}"] if hasattr(kind, "example") else []
-    found: Any = tyro.cli(
+    tyro.cli(
         displayed(kind),
-        args=list(words),
+        args=["--help"],
         prog=f"jaxcell {name}",
         description="\n\n".join(about),
         config=(tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),
     )
-    values = vars(found)
-    for heading in set(values) - set(parameters(kind)):
-        values = values | vars(values.pop(heading))
-    return kind(**values)
+    raise AssertionError("tyro exits after the page")
 
 
 def option(kind: type, parameter: str) -> str:
     """Return the name of a parameter on the command line."""
-    positional = _is_positional(parameters(kind)[parameter])
+    positional = is_positional(parameters(kind)[parameter])
     return parameter.upper() if positional else f"--{parameter.replace('_', '-')}"
 
 
@@ -179,7 +176,7 @@ def _when(kind: type, alternatives: Sequence[Only]) -> str:
 
 def _metavar(name: str, hint: Any) -> str | None:
     """Return the placeholder of a value in the help: its unit, or `None` for tyro's default."""
-    if _is_positional(hint):
+    if is_positional(hint):
         return name.upper()
     several: list[tuple[Any, ...]]
     several = [get_args(part) for part in inside(hint) if get_origin(part) is tuple]
@@ -191,5 +188,6 @@ def _metavar(name: str, hint: Any) -> str | None:
     return f"{word} [{word} ...]" if several else word
 
 
-def _is_positional(hint: Any) -> bool:
+def is_positional(hint: Any) -> bool:
+    """Return whether a parameter is written without the name of an option."""
     return get_args(tyro.conf.Positional[int])[1] in getattr(hint, "__metadata__", ())

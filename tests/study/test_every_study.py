@@ -101,7 +101,7 @@ def case(tmp_path_factory, few_drifters):
         result = study.run()
         with contextlib.redirect_stdout(io.StringIO()) as table, pytest.MonkeyPatch.context() as at:
             at.setenv("COLUMNS", "1000")
-            show(result, study.headline(study.spec(result)), seconds=1.0)
+            show(result, study.headline(study.spec(result)))
         words = " ".join(table.getvalue().split())
         return Case(study, result, json.loads(printed.getvalue()), words, out)
 
