@@ -30,13 +30,20 @@ import functools
 import importlib
 from collections.abc import Callable, Mapping
 from types import ModuleType
-from typing import Any, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, TypeVar
 
 from .formatting import format_value
 from .quantity import PADDING as PADDING, Kind as Kind, Quantity as Quantity, quantity as quantity
 
 
-class derived(functools.cached_property):  # noqa: N801 - used as a decorator, like a property
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+Value = TypeVar("Value")
+
+
+class derived(functools.cached_property[Any]):  # noqa: N801 - a decorator, like a property
     """Decorate a method as a quantity, whose value the method computes once, at the first use.
 
     The arguments are those of [`quantity`][jaxcell.base.quantities.quantity].
@@ -45,7 +52,7 @@ class derived(functools.cached_property):  # noqa: N801 - used as a decorator, l
     def __init__(self, *description: Any, **more: Any) -> None:
         self.quantity = quantity(*description, **more)
 
-    def __call__(self, method: Callable[[Any], Any]) -> Any:
+    def __call__(self, method: Callable[[Any], Value]) -> functools.cached_property[Value]:
         super().__init__(method)
         return self
 
@@ -111,9 +118,10 @@ class Result:
         """Describe the result as HTML for a notebook."""
         return str(_figures("html").html(self))
 
-    def plot(self, name: str | None = None, *, ax: Any = None, **options: Any) -> Any:
+    def plot(self, name: str | None = None, *, ax: "Axes | None" = None, **options: Any) -> "Axes":
         """Draw a quantity with matplotlib, as [`jaxcell.record.plot`][] does."""
-        return _figures("plot").plot(self, name, ax=ax, **options)
+        axes: Axes = _figures("plot").plot(self, name, ax=ax, **options)
+        return axes
 
     @property
     def answered(self) -> bool:

@@ -11,7 +11,7 @@ from scipy.sparse import csgraph
 
 from ..base.certificate import Whole
 from ..base.wide import traced
-from .generalized import Chain, leaving_rows
+from .generalized import Chain, ChainLike, leaving_rows
 from .sequence import ChainSequence
 from .traced import like, on_host
 
@@ -131,7 +131,7 @@ def next_cells(
     return csgraph.breadth_first_order(backwards, cells)[1][:-1]
 
 
-def persistent_groups(chain: Chain | ChainSequence) -> PersistentGroups:
+def persistent_groups(chain: ChainLike | ChainSequence) -> PersistentGroups:
     """Find the persistent groups of a chain: its closed communicating classes.
 
     These are the strongly connected components without edges to other cells or to the sink; all

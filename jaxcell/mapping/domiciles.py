@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Int
 from scipy.sparse import csgraph
 
 from .classes import PersistentGroups, check_groups
-from .generalized import Chain
+from .generalized import Chain, ChainLike
 
 
 # The sink as a domicile.
@@ -56,7 +56,7 @@ class TransientGroups:
         return TransientGroups(group, domiciles, size)
 
 
-def transient_groups(chain: Chain, groups: PersistentGroups) -> TransientGroups:
+def transient_groups(chain: ChainLike, groups: PersistentGroups) -> TransientGroups:
     """Find the transient groups of a chain: cells with the same domiciles.
 
     Two searches follow the steps backward from the domiciles, one search in ascending and one in

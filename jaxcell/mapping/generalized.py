@@ -1,7 +1,7 @@
 import dataclasses
 import functools
 import warnings
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -188,6 +188,15 @@ class Chain:
         for name, field in zip(("image", "probability", "half"), (*fields, None), strict=False):
             object.__setattr__(chain, name, field)
         return chain
+
+
+if TYPE_CHECKING:
+    # SciPy and networkx have no types.
+    ChainLike: TypeAlias = Chain | Any
+    """A chain, or what public functions convert to one: a square transition matrix of NumPy, JAX,
+    SciPy or lists, or a graph of networkx whose weights are probabilities."""
+else:
+    ChainLike = Chain
 
 
 def number_per_cell(values: Any, cells: int, name: str) -> Any:

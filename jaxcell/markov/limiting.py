@@ -16,7 +16,7 @@ from ..base.precision import require_x64
 from ..base.wide import traced
 from ..mapping.batch import Batch, Sums
 from ..mapping.classes import PersistentGroups, check_groups, persistent_groups
-from ..mapping.generalized import Chain, leaving_rows
+from ..mapping.generalized import Chain, ChainLike, leaving_rows
 from ..mapping.traced import implicit, like, on_host
 from .solving.rounds import eliminated
 from .solving.stationary import solve_stationary
@@ -42,7 +42,7 @@ class LimitingDistribution:
 
 
 def limiting_distribution(
-    chain: Chain,
+    chain: ChainLike,
     groups: PersistentGroups | None = None,
     weights: Literal["basin", "size"] | npt.ArrayLike | None = None,
     *,

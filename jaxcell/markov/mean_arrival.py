@@ -15,7 +15,7 @@ from ..base.certificate import Certificate, Real
 from ..base.precision import require_x64
 from ..base.wide import traced
 from ..mapping.classes import reaching
-from ..mapping.generalized import Chain, leaving_rows, missing_rows
+from ..mapping.generalized import Chain, ChainLike, leaving_rows, missing_rows
 from .arrival import CHUNK, Distinct, Race, at_start
 from .hitting import hitting_times, leaving_times, prospects
 
@@ -37,7 +37,7 @@ class MeanArrival:
 
 
 def mean_first_arrival(
-    chains: Sequence[Chain],
+    chains: Sequence[ChainLike],
     starts: Sequence[npt.ArrayLike | int] | Distinct,
     target: npt.ArrayLike | int,
     *,

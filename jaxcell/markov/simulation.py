@@ -15,7 +15,7 @@ from ..base.certificate import Real
 from ..base.divided import of_members, start_loop
 from ..base.precision import require_x64
 from ..base.wide import host_array, namespace, traced
-from ..mapping.generalized import Chain
+from ..mapping.generalized import ChainLike
 from ..mapping.traced import like, on_host
 from .arrival import Distinct, Race
 
@@ -65,7 +65,7 @@ class Arrivals:
 
 def simulate_arrival(
     key: jax.Array,
-    chains: Sequence[Chain],
+    chains: Sequence[ChainLike],
     starts: Sequence[npt.ArrayLike | int] | Distinct,
     target: npt.ArrayLike | int,
     runs: int = 5000,

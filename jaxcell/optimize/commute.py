@@ -9,7 +9,7 @@ from ..base.certificate import Certificate
 from ..base.connected import check_connected, vertices_apart
 from ..base.limits import MAX_VERTICES
 from .constraints import Linear, Room, room
-from .graph import Graph
+from .graph import Graph, GraphLike
 from .multiplicative import least_resistance
 from .resistance import Emphasis, Laplacian, interior_point
 from .tour import on_walk, shortest_tour
@@ -36,7 +36,7 @@ class MinimumCommute:
 
 
 def minimum_commute(
-    graph: Graph,
+    graph: GraphLike,
     emphasis: Sequence[int] | None = None,
     share: float = 0.8,
     *,

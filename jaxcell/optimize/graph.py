@@ -2,7 +2,7 @@ import dataclasses
 import operator
 import warnings
 from collections.abc import Hashable, Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import scipy.sparse
@@ -107,6 +107,15 @@ class Graph:
         tail, head = self.edges.T
         entries = (np.tile(values, 2), (np.append(tail, head), np.append(head, tail)))
         return scipy.sparse.csr_array(entries, shape=(self.vertices, self.vertices))
+
+
+if TYPE_CHECKING:
+    # Networkx has no types.
+    GraphLike: TypeAlias = Graph | Any
+    """A graph, or what public functions convert to one: a graph of networkx, or an array of
+    edges."""
+else:
+    GraphLike = Graph
 
 
 def numbered(network: Any) -> Sequence[Hashable]:

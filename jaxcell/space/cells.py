@@ -12,7 +12,7 @@ from ..base.doubts import Doubt
 from ..base.limits import Unknown
 from ..base.wide import namespace
 from .occupancy import TOLERANCE, in_squares, rasterise
-from .workspace import Workspace, edges
+from .workspace import RoomLike, Workspace, edges
 
 
 MAX_CELLS = 2**31 - 1
@@ -71,7 +71,7 @@ class CellSpace:
             )
 
     @classmethod
-    def of(cls, workspace: Workspace | Any, cell: float, directions: int) -> "CellSpace":
+    def of(cls, workspace: RoomLike, cell: float, directions: int) -> "CellSpace":
         """Divide the free space of a map into cells with sides of `cell` metres.
 
         `workspace` may also be a file, a polygon or a grid; see [`Workspace.of_input`][].
@@ -277,7 +277,7 @@ def _check_side(cell: float) -> None:
 
 
 def suggested(
-    room: Workspace | str | os.PathLike[str],
+    room: RoomLike,
     cell: float | None,
     directions: int | None,
     robot_radius: float | None,

@@ -12,7 +12,7 @@ from scipy.sparse import linalg
 
 from ...base.certificate import Certificate
 from ...base.wide import traced
-from ...mapping import Chain, ChainSequence
+from ...mapping import Chain, ChainLike, ChainSequence
 from ...mapping.traced import first_derivative_only, implicit, like, on_host
 from ..traced import CERTIFIED
 from .window import Window, leading_order, leading_subspace, steps_of
@@ -50,7 +50,7 @@ class Modes:
 
 
 def leading_modes(
-    chain: Chain | ChainSequence,
+    chain: ChainLike | ChainSequence,
     count: int,
     *,
     steps: int | None = None,

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...base.certificate import Numbers
-from ...optimize import Graph
+from ...optimize import Graph, GraphLike
 from .policies import Policy
 from .regions import Regions, check_visible
 
@@ -64,7 +64,7 @@ class Attack:
 
 
 def boundary(
-    graph: Graph, view: Bool[np.ndarray, "*targets cells"]
+    graph: GraphLike, view: Bool[np.ndarray, "*targets cells"]
 ) -> Bool[np.ndarray, "*targets cells"]:
     """Return the cells where a patroller from outside first sees a target (Alam 2018, Fig. 4.3).
 

@@ -14,6 +14,7 @@ from ...base.wide import traced
 from ...mapping import Chain
 from ...optimize import (
     Graph,
+    GraphLike,
     MinimumCommute,
     greedy_cover,
     minimum_commute,
@@ -72,7 +73,7 @@ def of_policies(path: str, *description: Any, **more: Any) -> Any:
 
 
 def distributed_policies(
-    graph: Graph, visible: Bool[np.ndarray, "cells cells"], robots: int, share: float = 0.8
+    graph: GraphLike, visible: Bool[np.ndarray, "cells cells"], robots: int, share: float = 0.8
 ) -> tuple[Policy, ...]:
     """Compute walks that each watch the whole map (Alam 2018, section 4.4.4).
 
@@ -105,7 +106,7 @@ def distributed_policies(
 
 
 def centralized_policies(
-    graph: Graph, visible: Bool[np.ndarray, "cells cells"], regions: Regions, share: float = 0.8
+    graph: GraphLike, visible: Bool[np.ndarray, "cells cells"], regions: Regions, share: float = 0.8
 ) -> tuple[Policy, ...]:
     """Compute walks that each watch one region and report to a base (Alam 2018, section 4.4.5).
 

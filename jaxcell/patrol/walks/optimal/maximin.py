@@ -13,7 +13,7 @@ from ....base.certificate import Certificate
 from ....base.precision import require_x64
 from ....base.process import one_blas_thread
 from ....mapping import Chain
-from ....optimize import Graph
+from ....optimize import Graph, GraphLike
 from ....optimize.validation import check_count
 from ...team.division import part_of_graph, walk_in_part
 from ..arrival import (
@@ -78,7 +78,7 @@ class MaximinCapture:
 
 
 def maximin_capture(
-    graph: Graph,
+    graph: GraphLike,
     attack_time: Any,
     *,
     travel_times: Any = None,
