@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..base.quantities import derived, quantity
+from ..base.shown import Shown
 from ..base.wide import traced
 from ..mapping import SimpleMap
 from ..space import CELL_BY_CELL, ENDPOINT as ENDPOINT, CellSpace, Motion, estimates
@@ -29,7 +30,7 @@ _Ints: TypeAlias = Int[Array, "..."] | Int[np.ndarray, "..."]
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Moves:
+class Moves(Shown):
     """The end of one step from every position in every direction, for any bouncing angle.
 
     Directions form a class, called a *way*, if from each position their steps have the same end. On

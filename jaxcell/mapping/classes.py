@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Int
 from scipy.sparse import csgraph
 
 from ..base.certificate import Whole
+from ..base.shown import Pictured
 from ..base.wide import traced
 from .generalized import Chain, ChainLike, leaving_rows
 from .sequence import ChainSequence
@@ -18,7 +19,7 @@ from .traced import like, on_host
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
-class PersistentGroups:
+class PersistentGroups(Pictured):
     """The persistent groups of a chain (Alam 2018, Definition 3.3.3).
 
     If JAX traces the search, `size` and `period` have an entry per cell; those past `count` are 0.

@@ -7,6 +7,7 @@ import scipy.sparse
 from jaxtyping import Array, Bool, Int
 from scipy.sparse import csgraph
 
+from ..base.shown import Pictured
 from .classes import PersistentGroups, check_groups
 from .generalized import Chain, ChainLike
 
@@ -18,7 +19,7 @@ _CHUNK = 1 << 16
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class TransientGroups:
+class TransientGroups(Pictured):
     """The transient groups of a chain: transient cells with the same domiciles form a group.
 
     A *domicile* of a transient cell is a persistent group that it can reach. The sink is also a

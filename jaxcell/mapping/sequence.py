@@ -13,13 +13,14 @@ from jaxtyping import Array, Float, Int
 from ..base import memory
 from ..base.arguments import checked
 from ..base.indices import as_array
+from ..base.shown import Shown
 from ..base.wide import traced
 from .generalized import BYTES_PER_SLOT, Chain, check_arrays, number_per_cell
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
-class ChainSequence:
+class ChainSequence(Shown):
     """A periodic sequence of chains over the same cells, one per step, as in a tide or a year.
 
     The *phase* is the number of the chain that acts next. The product of all chains, the *period

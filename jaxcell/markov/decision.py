@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..base.arguments import checked
 from ..base.indices import as_array, check_indices
 from ..base.precision import require_x64
+from ..base.shown import Shown
 from ..base.wide import traced
 from ..mapping.generalized import Chain
 from .hitting import common_cells
@@ -17,7 +18,7 @@ from .hitting import common_cells
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
-class DecisionModel:
+class DecisionModel(Shown):
     """A Markov decision process on cells: in each cell one of several actions is taken.
 
     The chain of an action has the probabilities of its moves. If a row sums to less than 1, the

@@ -14,6 +14,7 @@ from ..base.certificate import Certificate, Solution
 from ..base.divided import put_on_device
 from ..base.indices import check_indices
 from ..base.precision import require_x64
+from ..base.shown import Pictured
 from ..base.wide import namespace, traced
 from ..mapping.batch import Batch
 from ..mapping.classes import PersistentGroups, check_groups, persistent_groups, reaching
@@ -33,7 +34,7 @@ TOLERANCE = 1e-6
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
-class Absorption:
+class Absorption(Pictured):
     """The probabilities of ending in each persistent group and in the sink, from each cell."""
 
     value: Float[Array, "groups cells"]

@@ -13,6 +13,7 @@ from ..base.certificate import Certificate, Real
 from ..base.divided import of_members, put_on_device
 from ..base.indices import as_array
 from ..base.precision import require_x64
+from ..base.shown import Pictured
 from ..base.wide import traced
 from ..mapping.batch import Batch, Sums
 from ..mapping.classes import PersistentGroups, check_groups, persistent_groups
@@ -29,7 +30,7 @@ _TOLERANCE = 1e-8
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
-class LimitingDistribution:
+class LimitingDistribution(Pictured):
     """The share of the time that a chain spends in each cell in the long run."""
 
     value: Float[Array, "cells"]

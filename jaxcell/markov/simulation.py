@@ -14,6 +14,7 @@ from ..base import memory
 from ..base.certificate import Real
 from ..base.divided import of_members, start_loop
 from ..base.precision import require_x64
+from ..base.shown import Pictured
 from ..base.wide import host_array, namespace, traced
 from ..mapping.generalized import ChainLike
 from ..mapping.traced import like, on_host
@@ -36,7 +37,7 @@ _EQUAL = 9
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
-class Arrivals:
+class Arrivals(Pictured):
     """The times of the first arrival in many independent runs."""
 
     time: Float[Array, "runs"]

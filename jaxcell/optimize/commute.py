@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Int
 from ..base.certificate import Certificate
 from ..base.connected import check_connected, vertices_apart
 from ..base.limits import MAX_VERTICES
+from ..base.shown import Pictured
 from .constraints import Linear, Room, room
 from .graph import Graph, GraphLike
 from .multiplicative import least_resistance
@@ -21,7 +22,7 @@ _COARSE = 1e-2
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class MinimumCommute:
+class MinimumCommute(Pictured):
     """The weights of edges for which a random walk has the least mean commute time."""
 
     weights: Float[np.ndarray, "edges"]

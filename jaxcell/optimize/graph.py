@@ -9,6 +9,7 @@ import scipy.sparse
 from jaxtyping import Float, Int
 
 from ..base.doubts import Doubt
+from ..base.shown import Pictured
 from .geographic import degrees, great_circles, in_metres, positioned
 from .validation import finite, one_each
 
@@ -18,7 +19,7 @@ _UNREAD = frozenset({"weight", "distance", "travel_time"})
 
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
-class Graph:
+class Graph(Pictured):
     """An undirected graph without loops or parallel edges, with optional positions of its vertices.
 
     A line of three vertices, with positions:

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from ..base.certificate import Certificate
 from ..base.connected import check_connected
 from ..base.process import one_blas_thread
+from ..base.shown import Shown
 from ..mapping import Chain
 from .graph import GraphLike
 from .spectral import SpectralProblem, least_norm
@@ -15,7 +16,7 @@ from .validation import distribution
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class FastestMixing:
+class FastestMixing(Shown):
     """The reversible chain on a graph that converges fastest to its stationary distribution."""
 
     weights: Float[np.ndarray, "edges"]

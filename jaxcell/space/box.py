@@ -6,6 +6,7 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from jaxtyping import Float, Int, Num
 
+from ..base.shown import Shown
 from .cells import TOLERANCE
 
 
@@ -15,7 +16,7 @@ other end (`"periodic"`), or belong to the cell at the end (`"clamp"`)."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Box:
+class Box(Shown):
     """A box of equal cells, of any number of dimensions.
 
     Cells are numbered from 0, and the index along the last axis changes fastest:

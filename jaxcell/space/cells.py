@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..base.doubts import Doubt
 from ..base.limits import Unknown
+from ..base.shown import Pictured
 from ..base.wide import namespace
 from .occupancy import TOLERANCE, in_squares, rasterise
 from .workspace import RoomLike, Workspace, edges
@@ -23,7 +24,7 @@ _LARGEST = 1e9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class CellSpace:
+class CellSpace(Pictured):
     """The free configurations of a robot, divided into cells (Alam 2018, section 2.3.2).
 
     Squares of side `cell` cover the bounding box of the map; a square is free if its centre lies in

@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 
 from ..base.bundled import with_path
 from ..base.limits import Unknown
+from ..base.shown import Pictured
 from .maps.grid_files import grid_fields
 from .maps.map_files import read_map, write_map
 from .outlines import cut_along_axes
@@ -34,7 +35,7 @@ _LARGEST_COORDINATE = 1e7
 
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
-class Workspace:
+class Workspace(Pictured):
     """A map: a polygonal boundary minus polygonal obstacles, in metres (Alam 2018, section 2.3.1).
 
     Obstacles may touch or overlap the boundary and each other. The arrays are read-only.

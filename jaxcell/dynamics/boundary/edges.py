@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
+from ...base.shown import Shown
 from ...space.box import Box
 from ..basin import Basins
 from ..cycles import newton
@@ -33,7 +34,7 @@ _SAME = 0.5
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class EdgeStates:
+class EdgeStates(Shown):
     """Edge states: saddles on boundaries of basins, which attract the orbits on the boundary."""
 
     first: Int[np.ndarray, "edges"]

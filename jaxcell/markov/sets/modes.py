@@ -11,6 +11,7 @@ from jaxtyping import Array, Complex
 from scipy.sparse import linalg
 
 from ...base.certificate import Certificate
+from ...base.shown import Pictured
 from ...base.wide import traced
 from ...mapping import Chain, ChainLike, ChainSequence
 from ...mapping.traced import first_derivative_only, implicit, like, on_host
@@ -32,7 +33,7 @@ _LARGEST = 1 - 1e-9
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
-class Modes:
+class Modes(Pictured):
     """Leading eigenvalues of the matrix of one or several steps of a chain, with eigenvectors.
 
     Under `grad` and `jvp` all three arrays have derivatives where the eigenvalue is simple.

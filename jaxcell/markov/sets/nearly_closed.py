@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 from ...base.certificate import Certificate
 from ...base.indices import as_array
 from ...base.process import one_blas_thread
+from ...base.shown import Pictured
 from ...mapping import Chain, ChainLike, ChainSequence
 from .modes import TOLERANCE, check_count
 from .window import Subspace, Window, leading_subspace
@@ -30,7 +31,7 @@ _TINY = np.finfo(float).tiny
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class NearlyClosedSets:
+class NearlyClosedSets(Pictured):
     """Sets of cells that a chain hardly leaves in several steps, in descending order of mass."""
 
     begin: Int[np.ndarray, "cells"]

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from ...base.certificate import Certificate, Numbers
 from ...base.quantities import derived
+from ...base.shown import Shown
 from ...base.wide import traced
 from ...mapping import Chain
 from ...optimize import (
@@ -32,7 +33,7 @@ _COVER_SECONDS = 5.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Policy:
+class Policy(Shown):
     """The walk of one robot on the cells of a map, or on a subset of them."""
 
     cells: Int[np.ndarray, "visited"]
