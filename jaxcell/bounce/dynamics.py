@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..base.indices import as_array
 from ..base.quantities import derived, quantity
 from ..base.shown import Shown
 from ..base.wide import traced
@@ -84,13 +85,14 @@ def bounce_shift(
     if traced(bounce):
         nearest = jnp.round(jnp.asarray(bounce, float) * directions / (2 * math.pi))
         return (nearest % directions).astype(jnp.int32)
-    shift = np.asarray(bounce, float) * directions / (2 * math.pi)
+    angles = np.asarray(as_array(bounce, name), float)
+    shift = angles * directions / (2 * math.pi)
     whole = np.round(shift)
     # Infinity minus infinity is NaN, and beyond 2^53 every float64 is whole.
     with np.errstate(invalid="ignore"):
         wrong = ~((np.abs(shift - whole) < 1e-6) & (np.abs(shift) < 2**53))
     if wrong.any():
-        degrees = np.rad2deg(np.asarray(bounce, float)[wrong].flat[0])
+        degrees = np.rad2deg(angles[wrong].flat[0])
         raise ValueError(
             f"{name}: {degrees:g} deg is not a whole number of the {directions} directions, "
             f"which are {360 / directions:g} deg apart"

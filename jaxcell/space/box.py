@@ -61,6 +61,9 @@ class Box(Shown):
                 "box: expected a lower and an upper corner, and a number of cells along each axis, "
                 "as in Box([-2, -1], [2, 1], cells=[400, 200])"
             )
+        for name, ends in (("lower", lower), ("upper", upper), ("cells", cells)):
+            if np.ndim(ends) != 1 or np.asarray(ends).dtype.kind not in "iuf":
+                raise ValueError(f"{name}: expected a number for each axis, got {ends!r}")
         kinds = (axes,) * len(lower) if isinstance(axes, str) else tuple(axes)
         object.__setattr__(self, "lower", tuple(map(float, lower)))
         object.__setattr__(self, "upper", tuple(map(float, upper)))

@@ -250,7 +250,10 @@ def _nearest_positions(cells: CellSpace) -> Int[np.ndarray, "rows columns"]:
 def _arrays(kind: type | None, *values: Any) -> tuple[Any, Any]:
     """Return the namespace of values, that of JAX if it traces them, and the values as arrays."""
     xp = namespace(*values)
-    return xp, xp.broadcast_arrays(*(xp.asarray(one, kind) for one in values))
+    arrays = [xp.asarray(one) for one in values]
+    if wrong := [one for one in arrays if one.dtype.kind not in "biuf"]:
+        raise ValueError(f"expected numbers of cells, metres or radians, got {wrong[0]}")
+    return xp, xp.broadcast_arrays(*(xp.asarray(one, kind) for one in arrays))
 
 
 def _squares(xp: Any, cells: CellSpace, x: Any, y: Any) -> tuple[tuple[Any, ...], Any]:

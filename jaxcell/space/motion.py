@@ -88,6 +88,8 @@ class Motion(Shown):
                 "step: expected a number, got an array that JAX traces; walls are found on the "
                 "host: make the motion outside jit, vmap and grad"
             )
+        if self.step is not None and np.asarray(self.step).dtype.kind not in "iuf":
+            raise ValueError(f"step: expected a length in metres, got {self.step!r}")
 
     @property
     def rule(self) -> Rule:

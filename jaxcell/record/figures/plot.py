@@ -88,7 +88,10 @@ def plot(
     chosen = []
     for dim in [dim for dim in dims if dim not in kept or dim in options]:
         entry = options.pop(dim, -1 if dim in _PROCESSES else 0)
-        labels, _ = _coordinate(owner, dim, array.shape[dims.index(dim)])
+        size = array.shape[dims.index(dim)]
+        if not (isinstance(entry, int) and -size <= entry < size):
+            raise IndexError(f"{dim}: {entry!r} is out of range; expected 0 to {size - 1}")
+        labels, _ = _coordinate(owner, dim, size)
         label = labels[entry]
         text = f"{label:g}" if isinstance(label, float) else str(label)
         chosen += [f"{dim.replace('_', ' ')} {text}"]
