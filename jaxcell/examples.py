@@ -150,3 +150,8 @@ def angles(chunk: int = 64) -> "sweep.Spec":
     path = folder() / "angles.toml"
     path.write_text("\n".join(lines))
     return sweep.Spec.load(path)
+
+
+def __dir__() -> list[str]:
+    own = {name: value for name, value in globals().items() if hasattr(value, "__module__")}
+    return [name for name, value in own.items() if value.__module__ == __name__]

@@ -8,7 +8,7 @@ import pytest
 import scipy.sparse
 import shapely
 
-from jaxcell import bundled, mapping, markov, optimize, patrol, space, study
+from jaxcell import automata, bundled, mapping, markov, optimize, patrol, space, study
 from jaxcell.study.map_study import cell_at
 
 
@@ -62,6 +62,12 @@ def test_other_chains_are_refused(wrong, said):
     with pytest.raises(ValueError, match=said) as caught:
         markov.hitting_times(wrong, 2)
     assert "\n" not in str(caught.value)
+
+
+def test_lists_are_arrays():
+    line = automata.subset_construction([1, 2, 0], [False, False, True])
+    ring = automata.subset_construction(np.array([1, 2, 0]), np.array([False, False, True]))
+    np.testing.assert_array_equal(line.transition, ring.transition)
 
 
 def test_a_networkx_graph_is_a_graph():

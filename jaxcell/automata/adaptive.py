@@ -7,6 +7,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from jaxtyping import Bool, Int, Integer
 
+from ..base.shown import Shown
 from .equivalent import ranked
 
 
@@ -17,7 +18,7 @@ _DEEPEST = 200
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Decisions:
+class Decisions(Shown):
     """An adaptive strategy: the input for each set of possible states, and its cost.
 
     The number of a set is its index in `sets`. Each set is listed once, even if several branches of

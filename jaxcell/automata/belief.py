@@ -4,6 +4,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..base.shown import Shown
 from .hidden import Estimate, HiddenMap, credible
 
 
@@ -20,7 +21,7 @@ SMALL = 4
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class BeliefState:
+class BeliefState(Shown):
     """A belief: the probability of each cell after some observations."""
 
     weight: Float[np.ndarray, "cells"]

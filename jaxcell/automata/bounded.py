@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..base.shown import Shown
 from .hidden import FEW, Estimate, HiddenMap
 
 
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Bounded:
+class Bounded(Shown):
     """A filter whose state is the set of possible cells, for maps with several images per cell.
 
     If each step of the robot is possible on the map, the set always contains the robot's cell. An

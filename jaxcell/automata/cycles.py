@@ -3,9 +3,11 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool, Int32, Integer
 
+from ..base.shown import Shown
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class KnowledgeCycle:
+class KnowledgeCycle(Shown):
     """A cycle of states without exits: a robot whose filter is in such a cycle is localized."""
 
     states: Int32[np.ndarray, "length"]

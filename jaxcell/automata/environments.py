@@ -4,6 +4,7 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Int32
 
+from ..base.shown import Shown
 from .filter import Filter, FilterState, Observations, digits
 
 
@@ -51,7 +52,7 @@ class Environments:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class EnvironmentsState:
+class EnvironmentsState(Shown):
     """The maps and configurations that are possible after some observations."""
 
     states: Mapping[str, FilterState]

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int32, Int64, Shaped
 
+from ..base.shown import Shown
 from .cycles import KnowledgeCycle, knowledge_cycles
 from .formats.storage import checked_metadata, reading, write_arrays
 from .subset import Automaton
@@ -25,7 +26,7 @@ Observations = str | Iterable[int] | Shaped[np.ndarray, "_"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Filter:
+class Filter(Shown):
     """A localization filter, an automaton with colours (Alam 2018, Definitions 2.4.5 and 2.4.6).
 
     State 0 is the start. States are numbered in breadth-first order, observation 0 before 1.
@@ -214,7 +215,7 @@ class Filter:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class FilterRun:
+class FilterRun(Shown):
     """The states and colours that a filter passes through on an observation string.
 
     Entry `i` of `states` is the state after `i` observations, and entry `i` of `colors` its colour.
@@ -231,7 +232,7 @@ class FilterRun:
 
 
 @dataclasses.dataclass(slots=True, eq=False)
-class FilterState:
+class FilterState(Shown):
     """The state of a filter after some observations; `observe` returns a new object.
 
     Each observation takes constant time and memory.

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..base.optional_modules import import_module
+from ..base.shown import Shown
 from .formats.storage import reading, write_arrays
 
 
@@ -22,7 +23,7 @@ FEW = 0.2
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class HiddenMap:
+class HiddenMap(Shown):
     """A hidden Markov model: a map with several images per cell, and an observation at each move.
 
     A *configuration* is a set of cells that need not be distinguished. Estimates are therefore sets
@@ -166,7 +167,7 @@ class HiddenMap:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Estimate:
+class Estimate(Shown):
     """The possible configurations of a robot, with their probabilities."""
 
     cells: Int[np.ndarray, "configurations"]

@@ -6,6 +6,7 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Int, Integer
 
+from ..base.shown import Shown
 from .adaptive import Search, check_apart
 
 
@@ -14,7 +15,7 @@ _Family: TypeAlias = frozenset[int]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Homing:
+class Homing(Shown):
     """A fixed sequence of inputs whose observations identify the state of a machine."""
 
     inputs: Int[np.ndarray, "length"]

@@ -5,6 +5,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from jaxtyping import Int32
 
+from ..base.shown import Shown
 from .filter import Filter
 from .policy import Policy
 
@@ -14,7 +15,7 @@ Output: TypeAlias = Literal["color", "count", "cells", "localized", "action"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class MooreMachine:
+class MooreMachine(Shown):
     """A Moore machine: the states, transitions and outputs of a filter or a policy.
 
     State 0 is the start. The output of a state is its colour. A machine reads either

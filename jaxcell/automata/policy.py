@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int, Int32
 
+from ..base.shown import Shown
 from .formats.storage import checked_metadata, reading, write_arrays
 
 
@@ -37,7 +38,7 @@ class Onward:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Policy:
+class Policy(Shown):
     """A localization policy: the angle by which a robot turns at each bump until it is localized.
 
     A state is a set of possible configurations of the robot at a bump; state 0 is the start, before
@@ -207,7 +208,7 @@ _ONWARD = ("at", "steps", "target")
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class PolicyState:
+class PolicyState(Shown):
     """The state of a policy after some observations; `observe` returns a new object.
 
     After an impossible observation the map stays refuted. After the end of the policy, it accepts

@@ -5,10 +5,11 @@ import numpy as np
 from jaxtyping import Bool, Int32, Int64, Integer, UInt64
 
 from ..base.memory import check
+from ..base.shown import Shown
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Automaton:
+class Automaton(Shown):
     """A deterministic I-state automaton: each state is a set of possible cells of the robot.
 
     State 0 is the start. States are numbered in breadth-first order, observation 0 before 1.

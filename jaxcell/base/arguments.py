@@ -1,13 +1,14 @@
 """Convert and check arguments by the annotations of a function.
 
 A class may have a method `of_input` that makes an object of what people have: a matrix or a graph
-of networkx, for example. Errors say what was expected.
+of networkx, for example. Errors name the function and the argument, and say what was expected.
 """
 
 import collections.abc
-import dataclasses
+import enum
 import functools
 import inspect
+import os
 import types
 import typing
 from collections.abc import Callable
@@ -20,6 +21,14 @@ from .wide import OnHostError, traced
 
 # Advice of errors to make an object of a class.
 _ADVICE = {
+    "Box": "; Box([0, -1], [1, 1], cells=[100, 200]) makes one",
+    "CellSpace": "; CellSpace.of(map, cell, directions) makes one",
+    "Dataset": "; open_currents(path) makes one",
+    "Filter": "; localization_filter(simple_map) makes one",
+    "Graph": "; a graph of networkx or an array of edges is one",
+    "Result": "; the method run of a study returns one",
+    "SimpleMap": "; bounce_map(cells, bounce) makes one",
+    "Spec": "; Spec.load(path) makes one",
     "Chain": "; a square matrix is one, and sequence.unrolled",
     "PersistentGroups": "; persistent_groups(chain) finds them",
     "Generator": "; numpy.random.default_rng() makes one",
@@ -27,16 +36,17 @@ _ADVICE = {
 }
 
 
-def checked(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Wrap a function so that it converts its arguments to the types of its annotations.
+def checked(function: Callable[..., Any], name: str) -> Callable[..., Any]:
+    """Wrap the function `name` so that it converts its arguments to the types of its annotations.
 
     Other arguments raise `ValueError`. The types are classes of the library, sequences of them,
-    whole numbers, and numbers. Whole numbers of NumPy and JAX become those of Python.
+    arrays, paths, whole numbers, and numbers. Lists become arrays, and whole numbers of NumPy and
+    JAX become those of Python.
     """
     signature = inspect.signature(function)
-    checks = {
-        name: check
-        for name, parameter in signature.parameters.items()
+    checks: dict[str, Callable[[Any], Any]] = {
+        argument: functools.partial(check, f"{name}: {argument}")
+        for argument, parameter in signature.parameters.items()
         if (check := _check_of(parameter.annotation))
     }
 
@@ -49,8 +59,16 @@ def checked(function: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
-def _checked(checks: dict[str, Callable[[str, Any], Any]], name: str, value: Any) -> Any:
-    return checks[name](name, value) if name in checks else value
+def check_methods(kind: type) -> None:
+    """Let the public methods of a class that need no object check arguments as [`checked`][]."""
+    for name, value in list(vars(kind).items()):
+        if isinstance(value, classmethod | staticmethod) and not name.startswith(("_", "tree_")):
+            method = checked(value.__func__, f"{kind.__name__}.{name}")
+            setattr(kind, name, type(value)(method))
+
+
+def _checked(checks: dict[str, Callable[[Any], Any]], name: str, value: Any) -> Any:
+    return checks[name](value) if name in checks else value
 
 
 def _check_of(annotation: Any) -> Callable[[str, Any], Any] | None:
@@ -62,6 +80,10 @@ def _check_of(annotation: Any) -> Callable[[str, Any], Any] | None:
         map(_is_own, kinds[0].__args__)
     ):
         return functools.partial(_check_sequence, kinds[0].__args__[0])
+    if set(kinds) == {str, os.PathLike[str]}:
+        return _check_path
+    if any(map(_is_array, kinds)) and all(_is_array(one) or one is type(None) for one in kinds):
+        return functools.partial(_check_array, _fallbacks(kinds))
     # A number that may be traced has the type of an array without axes, too.
     plain = tuple(kind for kind in kinds if getattr(kind, "dim_str", None) != "")
     if set(plain) <= {int, float, type(None)} and plain != (type(None),):
@@ -75,9 +97,14 @@ def _is_union(annotation: Any) -> bool:
 
 def _is_own(kind: Any) -> bool:
     """Check for classes whose objects are made by functions, not written as numbers or lists."""
-    if dataclasses.is_dataclass(kind):
-        return kind.__module__.startswith("jaxcell.")
-    return kind is np.random.Generator
+    if isinstance(kind, type) and kind.__module__.startswith("jaxcell."):
+        return not (issubclass(kind, enum.Enum) or getattr(kind, "_is_protocol", False))
+    # A dataset is recognized by its name, because not everybody has xarray.
+    return kind is np.random.Generator or f"{kind}" == "<class 'xarray.core.dataset.Dataset'>"
+
+
+def _is_array(kind: Any) -> bool:
+    return kind is np.ndarray or getattr(kind, "dim_str", "") != ""
 
 
 def _check_class(kinds: tuple[type, ...], name: str, value: Any) -> Any:
@@ -88,7 +115,9 @@ def _check_class(kinds: tuple[type, ...], name: str, value: Any) -> Any:
             return made
     names = [kind.__name__ for kind in kinds if kind is not type(None)]
     advice = _ADVICE.get(names[0], "")
-    raise ValueError(f"{name}: expected a {' or '.join(names)}, got {type(value).__name__}{advice}")
+    article = "an" if names[0][0] in "AEIO" else "a"
+    got = f"{type(value).__name__}{advice}"
+    raise ValueError(f"{name}: expected {article} {' or '.join(names)}, got {got}")
 
 
 def _check_sequence(kind: type, name: str, value: Any) -> Any:
@@ -96,6 +125,27 @@ def _check_sequence(kind: type, name: str, value: Any) -> Any:
         raise ValueError(f"{name}: expected a list of {kind.__name__}s, got {type(value).__name__}")
     parts = [_check_class((kind,), f"{name}[{place}]", part) for place, part in enumerate(value)]
     return tuple(parts) if isinstance(value, tuple) else parts
+
+
+def _check_path(name: str, value: Any) -> Any:
+    if isinstance(value, str | os.PathLike):
+        return value
+    raise ValueError(f"{name}: expected a path, got {type(value).__name__}")
+
+
+def _fallbacks(kinds: tuple[Any, ...]) -> tuple[type, ...]:
+    """Return the types of values besides arrays: `None`, and numbers for arrays of any shape."""
+    any_shape = any(dim in getattr(kind, "dim_str", "") for kind in kinds for dim in ("*", "..."))
+    return (*(kind for kind in kinds if kind is type(None)), *((int, float) * any_shape))
+
+
+def _check_array(fallbacks: tuple[type, ...], name: str, value: Any) -> Any:
+    if hasattr(value, "shape") or isinstance(value, fallbacks):
+        return value
+    array = np.asarray(value, None if isinstance(value, list | tuple | range) else object)
+    if array.dtype.kind not in "biufc":
+        raise ValueError(f"{name}: expected an array of numbers, got {type(value).__name__}")
+    return array
 
 
 def _check_number(kinds: tuple[type, ...], may_trace: bool, name: str, value: Any) -> Any:

@@ -8,6 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from .shown import Pictured, Shown
 from .wide import traced
 
 
@@ -33,7 +34,7 @@ class Outcome(enum.Enum):
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Certificate:
+class Certificate(Shown):
     """The error of a solution: measured on the solution, or bounded for a direct method.
 
     Under `jit`, `vmap` and `grad` its fields are arrays, and no solver raises an error: see
@@ -68,7 +69,7 @@ class Certificate:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
-class Solution:
+class Solution(Pictured):
     """The solution of a linear problem: a value per cell or pair of cells, with a certificate."""
 
     value: Float[Array, "*cells"]

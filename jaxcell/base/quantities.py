@@ -27,16 +27,21 @@ Two robots that share a corridor:
 import dataclasses
 import enum
 import functools
-import importlib
+import textwrap
 from collections.abc import Callable, Mapping
-from types import ModuleType
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar, TypeAlias, TypeVar
 
 from .formatting import format_value
 from .quantity import PADDING as PADDING, Kind as Kind, Quantity as Quantity, quantity as quantity
+from .shown import Pictured
 
 
-class derived(functools.cached_property):  # noqa: N801 - used as a decorator, like a property
+Value = TypeVar("Value")
+# Number of numbers in the text of a result, and the width of its last line.
+_NUMBERS, _WIDTH = 3, 96
+
+
+class derived(functools.cached_property[Any]):  # noqa: N801 - a decorator, like a property
     """Decorate a method as a quantity, whose value the method computes once, at the first use.
 
     The arguments are those of [`quantity`][jaxcell.base.quantities.quantity].
@@ -45,7 +50,7 @@ class derived(functools.cached_property):  # noqa: N801 - used as a decorator, l
     def __init__(self, *description: Any, **more: Any) -> None:
         self.quantity = quantity(*description, **more)
 
-    def __call__(self, method: Callable[[Any], Any]) -> Any:
+    def __call__(self, method: Callable[[Any], Value]) -> functools.cached_property[Value]:
         super().__init__(method)
         return self
 
@@ -65,7 +70,7 @@ def from_part(path: str, *description: Any, **more: Any) -> Any:
     return derived(*description, **more)(value)
 
 
-class Result:
+class Result(Pictured):
     """The base class of results of studies: dataclasses with described quantities.
 
     A field may itself be a result, which is called a part. In the summary, a part is an object. In
@@ -87,33 +92,25 @@ class Result:
     picture: ClassVar[str] = ""
     "The quantity that `plot` draws by default; if empty, the first quantity on a map."
 
-    def __init_subclass__(cls) -> None:
-        super().__init_subclass__()
-        # By default a dataclass prints all its arrays.
-        cls.__repr__ = Result.__repr__  # type: ignore[method-assign]
-
     def __repr__(self) -> str:
-        """List the numbers that are already computed, and the names of arrays."""
+        """List the first numbers that are already computed, and the names of arrays."""
         described = quantities(type(self))
         known = {
             name: _stored(vars(self)[name])
             for name in described
             if vars(self).get(name) is not None
         }
-        lines = [f"<{type(self).__name__}: {self.title or 'a part of a result'}>"]
-        for name, value in known.items():
-            if is_single(described[name]):
-                lines.append(f"    {name}: {format_value(value, described[name])}")
+        numbers = [
+            f"{name}: {format_value(value, described[name])}"
+            for name, value in known.items()
+            if is_single(described[name])
+        ]
         arrays = [name for name, about in described.items() if about.dims and name in known]
-        return "\n".join([*lines, *([f"    arrays: {', '.join(arrays)}"] if arrays else [])])
-
-    def _repr_html_(self) -> str:
-        """Describe the result as HTML for a notebook."""
-        return str(_figures("html").html(self))
-
-    def plot(self, name: str | None = None, *, ax: Any = None, **options: Any) -> Any:
-        """Draw a quantity with matplotlib, as [`jaxcell.record.plot`][] does."""
-        return _figures("plot").plot(self, name, ax=ax, **options)
+        rest = [f"{len(numbers) - _NUMBERS} more numbers"] if numbers[_NUMBERS:] else []
+        rest += [f"arrays: {', '.join(arrays)}"] if arrays else []
+        last = [textwrap.shorten("; ".join(rest), _WIDTH, placeholder=" ...")] if rest else []
+        head = f"<{type(self).__name__}: {self.title or 'a part of a result'}>"
+        return "\n    ".join([head, *numbers[:_NUMBERS], *last])
 
     @property
     def answered(self) -> bool:
@@ -143,11 +140,6 @@ class Result:
     def checks(self) -> "Checks":
         """Return the checks of this class; the kind of each quantity determines further checks."""
         return {}
-
-
-def _figures(module: str) -> ModuleType:
-    """Import a module of `jaxcell.record.figures` on demand, because it imports this module."""
-    return importlib.import_module(f"jaxcell.record.figures.{module}")
 
 
 # Tolerance for probabilities: sums of 10^6 of them, and solvers, are accurate to 1e-10.

@@ -10,7 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..base.indices import as_array
 from ..base.quantities import derived, quantity
+from ..base.shown import Shown
 from ..base.wide import traced
 from ..mapping import SimpleMap
 from ..space import CELL_BY_CELL, ENDPOINT as ENDPOINT, CellSpace, Motion, estimates
@@ -29,7 +31,7 @@ _Ints: TypeAlias = Int[Array, "..."] | Int[np.ndarray, "..."]
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Moves:
+class Moves(Shown):
     """The end of one step from every position in every direction, for any bouncing angle.
 
     Directions form a class, called a *way*, if from each position their steps have the same end. On
@@ -83,13 +85,14 @@ def bounce_shift(
     if traced(bounce):
         nearest = jnp.round(jnp.asarray(bounce, float) * directions / (2 * math.pi))
         return (nearest % directions).astype(jnp.int32)
-    shift = np.asarray(bounce, float) * directions / (2 * math.pi)
+    angles = np.asarray(as_array(bounce, name), float)
+    shift = angles * directions / (2 * math.pi)
     whole = np.round(shift)
     # Infinity minus infinity is NaN, and beyond 2^53 every float64 is whole.
     with np.errstate(invalid="ignore"):
         wrong = ~((np.abs(shift - whole) < 1e-6) & (np.abs(shift) < 2**53))
     if wrong.any():
-        degrees = np.rad2deg(np.asarray(bounce, float)[wrong].flat[0])
+        degrees = np.rad2deg(angles[wrong].flat[0])
         raise ValueError(
             f"{name}: {degrees:g} deg is not a whole number of the {directions} directions, "
             f"which are {360 / directions:g} deg apart"

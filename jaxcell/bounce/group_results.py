@@ -6,6 +6,7 @@ from typing import Annotated, ClassVar, TypeAlias
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..base.indices import as_array
 from ..base.quantities import Checks, Result, derived, from_part, quantity
 from ..mapping import GroupTotals, PeriodicGroups
 from ..space import CELL_BY_CELL, CellSpace, Motion, estimates
@@ -68,7 +69,7 @@ class BounceGroups(Result):
             >>> groups.longest_period.tolist(), groups.step.tolist()
             ([6], [[[0, 0, 0], [0, 0, 0]]])
         """
-        angles = np.atleast_1d(np.asarray(bounce, float))
+        angles = np.atleast_1d(np.asarray(as_array(bounce, "bounce"), float))
         shift = bounce_shift(angles, cells.directions)
         estimates.check_cells(cells, motion, estimates.counts, "numbers of groups")
         steps = Steps.of(cells, motion)

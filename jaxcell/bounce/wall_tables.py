@@ -3,13 +3,14 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool, Int, Int32
 
+from ..base.shown import Shown
 from ..space import CELL_BY_CELL, Motion
 from ..space.steps import Steps
 from .straight_runs import Runs
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Walls:
+class Walls(Shown):
     """Tables of the next wall after each wall, for grids of one shape and any bouncing angle.
 
     A *way* is a class of directions with equal steps (see [`jaxcell.bounce.Moves`][]). A wall of a

@@ -52,6 +52,10 @@ def _joined(names: Sequence[str]) -> str:
 def paths_of(source: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]) -> list[str]:
     """List the paths of a source; the matches of a pattern are sorted by name."""
     several = [source] if isinstance(source, str | os.PathLike) else source
+    if not isinstance(several, Sequence):
+        raise ValueError(
+            f"path: expected a file, a list of files or a dataset, got {type(source).__name__}"
+        )
     paths = [path for pattern in several for path in existing(pattern)]
     if not paths:
         raise ValueError("path: expected a file or more, got none")

@@ -92,4 +92,4 @@ A `SeaDrift` has all results for the currents of a file, with a `Layer` for each
 from ..base.hosted import attach
 
 
-__getattr__, __dir__, __all__ = attach(__name__, __file__, check=True)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -6,6 +6,7 @@ import scipy.sparse
 from jaxtyping import Bool, Int
 from scipy.sparse import csgraph
 
+from ..base.shown import Pictured, Shown
 from ..mapping import Chain, ChainSequence, PersistentGroups
 from ..mapping.classes import reaching
 from ..optimize import greedy_cover, minimum_cover
@@ -21,7 +22,7 @@ _EDGES = 1e8
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Deployment:
+class Deployment(Shown):
     """Cells in which to drop drifters so that they can together ever reach every cell."""
 
     cells: Int[np.ndarray, "drifters"]
@@ -35,7 +36,7 @@ class Deployment:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class CoverageCurve:
+class CoverageCurve(Pictured):
     """The number of cells that can ever be reached, as a function of the number of drifters."""
 
     cells: Int[np.ndarray, "drifters"]
@@ -46,7 +47,7 @@ class CoverageCurve:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class VisibleDeployment:
+class VisibleDeployment(Shown):
     """Cells in which to drop drifters whose cameras together see the whole sea bed."""
 
     cover: Int[np.ndarray, "views"]

@@ -5,6 +5,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from ..base.shown import Shown
 from ..base.wide import traced
 from .advection import METHODS as INTEGRATORS
 from .flow import Flow, crossing_time
@@ -18,7 +19,7 @@ _LONGEST = 1000
 
 
 @dataclasses.dataclass(frozen=True)
-class DriftStep:
+class DriftStep(Shown):
     """A step of a drift map: its duration, and the rules for the images of each cell.
 
     The *image* of a cell is the cell to which the flow takes its centre; see

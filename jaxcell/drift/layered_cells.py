@@ -8,13 +8,14 @@ import numpy.typing as npt
 import scipy.sparse
 from jaxtyping import Bool, Int
 
+from ..base.shown import Shown
 from ..mapping import Chain, ChainSequence
 from ..mapping.sequence import as_sequence
 from .water import Water
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Sea:
+class Sea(Shown):
     """The cells of several layers of the sea, numbered layer after layer, the surface first.
 
     A drifter drifts within its layer, and may move to the cell directly above or below (Alam 2018,

@@ -7,12 +7,13 @@ from jaxtyping import Array, Float, Int
 
 from .. import mapping, markov
 from ..base.certificate import Solution
+from ..base.shown import Shown
 from ..mapping import SINK, Chain, ChainSequence, PersistentGroups, TransientGroups
 from ..markov import Absorption, LimitingDistribution
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class LongTermBehaviour:
+class LongTermBehaviour(Shown):
     """The groups of cells in which drifters of one layer end, and the times until they arrive.
 
     These are the results of Alg. 5.1 of Alam 2018. In a periodic current they depend on the time of

@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..base.certificate import Certificate
 from ..base.quantities import Result, derived, from_part, quantity
+from ..base.shown import Shown
 from ..mapping import Chain
 from ..mapping.sequence import check_steps
 from ..markov.conditional import arrival_probabilities, conditional_hitting_times
@@ -30,7 +31,7 @@ _squares = functools.partial(derived, "layer y x")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Voyage:
+class Voyage(Shown):
     """A policy that brings a drifter to a goal, and its probabilities and times of arrival."""
 
     goal: Bool[np.ndarray, "cells"]
@@ -61,7 +62,7 @@ class Voyage:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Tracks:
+class Tracks(Shown):
     """The tracks of simulated drifters."""
 
     cell: Int[Array, "times drifters"]

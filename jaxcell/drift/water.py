@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array, csgraph
 from scipy.spatial import cKDTree
 
+from ..base.shown import Shown
 from ..currents.sphere import EARTH_RADIUS, goes_round, on_sphere
 
 
@@ -25,7 +26,7 @@ COASTS = ("hold", "slip", "strand")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Water:
+class Water(Shown):
     """The water cells of one layer of the sea, numbered row by row.
 
     Each square of the grid is a water cell, land, or sea without data. The surface of the

@@ -10,6 +10,7 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float
 
 from ..base.indices import check_whole
+from ..base.shown import Shown
 from .sines import with_sines
 
 
@@ -42,7 +43,7 @@ class Map(Protocol):
 
 
 @dataclasses.dataclass(frozen=True)
-class Flow:
+class Flow(Shown):
     """The map that follows an autonomous vector field for some time. [`flow`][] returns it."""
 
     field: Field

@@ -52,4 +52,4 @@ the host, and so are the periodic groups of large maps in the memory of the host
 from ..base.hosted import attach
 
 
-__getattr__, __dir__, __all__ = attach(__name__, __file__, check=True)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -7,7 +7,7 @@ from .domiciles import (
     TransientGroups as TransientGroups,
     transient_groups as transient_groups,
 )
-from .generalized import Chain as Chain
+from .generalized import Chain as Chain, ChainLike as ChainLike
 from .groups import (
     GroupSummary as GroupSummary,
     GroupTotals as GroupTotals,

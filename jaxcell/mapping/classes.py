@@ -10,15 +10,16 @@ from jaxtyping import Array, Bool, Int
 from scipy.sparse import csgraph
 
 from ..base.certificate import Whole
+from ..base.shown import Pictured
 from ..base.wide import traced
-from .generalized import Chain, leaving_rows
+from .generalized import Chain, ChainLike, leaving_rows
 from .sequence import ChainSequence
 from .traced import like, on_host
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
-class PersistentGroups:
+class PersistentGroups(Pictured):
     """The persistent groups of a chain (Alam 2018, Definition 3.3.3).
 
     If JAX traces the search, `size` and `period` have an entry per cell; those past `count` are 0.
@@ -131,7 +132,7 @@ def next_cells(
     return csgraph.breadth_first_order(backwards, cells)[1][:-1]
 
 
-def persistent_groups(chain: Chain | ChainSequence) -> PersistentGroups:
+def persistent_groups(chain: ChainLike | ChainSequence) -> PersistentGroups:
     """Find the persistent groups of a chain: its closed communicating classes.
 
     These are the strongly connected components without edges to other cells or to the sink; all

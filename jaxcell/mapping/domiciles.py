@@ -7,8 +7,9 @@ import scipy.sparse
 from jaxtyping import Array, Bool, Int
 from scipy.sparse import csgraph
 
+from ..base.shown import Pictured
 from .classes import PersistentGroups, check_groups
-from .generalized import Chain
+from .generalized import Chain, ChainLike
 
 
 # The sink as a domicile.
@@ -18,7 +19,7 @@ _CHUNK = 1 << 16
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class TransientGroups:
+class TransientGroups(Pictured):
     """The transient groups of a chain: transient cells with the same domiciles form a group.
 
     A *domicile* of a transient cell is a persistent group that it can reach. The sink is also a
@@ -56,7 +57,7 @@ class TransientGroups:
         return TransientGroups(group, domiciles, size)
 
 
-def transient_groups(chain: Chain, groups: PersistentGroups) -> TransientGroups:
+def transient_groups(chain: ChainLike, groups: PersistentGroups) -> TransientGroups:
     """Find the transient groups of a chain: cells with the same domiciles.
 
     Two searches follow the steps backward from the domiciles, one search in ascending and one in

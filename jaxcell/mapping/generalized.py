@@ -1,7 +1,7 @@
 import dataclasses
 import functools
 import warnings
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +14,7 @@ from ..base import memory
 from ..base.divided import of_members
 from ..base.indices import as_array, check_indices
 from ..base.precision import require_x64
+from ..base.shown import Pictured
 from ..base.wide import traced, widened
 
 
@@ -29,7 +30,7 @@ _COARSE = 2.0**40
 @widened
 @jax.tree_util.register_pytree_with_keys_class
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
-class Chain:
+class Chain(Pictured):
     """A generalized cell mapping: every cell has several images with probabilities.
 
     It is a finite Markov chain (Hsu 1980; Alam 2018, Eq. 3.5). Row `b` of the arrays holds the
@@ -188,6 +189,15 @@ class Chain:
         for name, field in zip(("image", "probability", "half"), (*fields, None), strict=False):
             object.__setattr__(chain, name, field)
         return chain
+
+
+if TYPE_CHECKING:
+    # SciPy and networkx have no types.
+    ChainLike: TypeAlias = Chain | Any
+    """A chain, or what public functions convert to one: a square transition matrix of NumPy, JAX,
+    SciPy or lists, or a graph of networkx whose weights are probabilities."""
+else:
+    ChainLike = Chain
 
 
 def number_per_cell(values: Any, cells: int, name: str) -> Any:

@@ -7,10 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
+from ..base.shown import Pictured, Shown
+
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class PeriodicGroups:
+class PeriodicGroups(Pictured):
     """The periodic group and step of every cell: the result of Alg. 2.1 (Alam 2018)."""
 
     group: Int[Array | np.ndarray, "*batch cells"]
@@ -36,7 +38,7 @@ class PeriodicGroups:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class GroupSummary:
+class GroupSummary(Shown):
     """Period, basin and longest transient of each periodic group; entries past `count` are 0."""
 
     count: Int[Array | np.ndarray, "*batch"]
@@ -64,7 +66,7 @@ class GroupSummary:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
-class GroupTotals:
+class GroupTotals(Shown):
     """Statistics over all periodic groups of a map."""
 
     count: Int[Array | np.ndarray, "*batch"]

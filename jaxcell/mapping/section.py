@@ -6,12 +6,13 @@ import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from ..base.indices import as_array, check_indices
+from ..base.shown import Shown
 from .groups import follow, periodic_cells
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Section:
+class Section(Shown):
     """The first-return map of a simple map to a *section*, a set of cells that every orbit meets.
 
     It is a simple map with far fewer cells and the same cycles. Each cell of the section has a
@@ -41,7 +42,7 @@ def bucket(size: int) -> int:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class SectionCycles:
+class SectionCycles(Shown):
     """The periodic groups of a map, found from a section. One slot of each group is its *leader*.
 
     A cell that first meets the section in slot `s`, after `t` applications of the map, reaches the

@@ -11,15 +11,15 @@ import scipy.sparse
 from jaxtyping import Array, Float, Int
 
 from ..base import memory
-from ..base.arguments import checked
 from ..base.indices import as_array
+from ..base.shown import Shown
 from ..base.wide import traced
-from .generalized import BYTES_PER_SLOT, Chain, check_arrays, number_per_cell
+from .generalized import BYTES_PER_SLOT, Chain, ChainLike, check_arrays, number_per_cell
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
-class ChainSequence:
+class ChainSequence(Shown):
     """A periodic sequence of chains over the same cells, one per step, as in a tide or a year.
 
     The *phase* is the number of the chain that acts next. The product of all chains, the *period
@@ -51,8 +51,7 @@ class ChainSequence:
         check_arrays(self.image, self.probability, ("phases", "branches", "cells"))
 
     @classmethod
-    @checked
-    def of(cls, chains: Sequence[Chain]) -> "ChainSequence":
+    def of(cls, chains: Sequence[ChainLike]) -> "ChainSequence":
         """Create a sequence from chains, one for each phase."""
         sizes = {chain.cells for chain in chains}
         if len(sizes) != 1:

@@ -5,11 +5,12 @@ import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from ..base.indices import as_array, check_indices
+from ..base.shown import Pictured
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class SimpleMap:
+class SimpleMap(Pictured):
     """A simple cell mapping: every cell has one image (Alam 2018, Eq. 2.2).
 
     `bumped` is the observation of the robot's bump sensor between a cell and its image. With these

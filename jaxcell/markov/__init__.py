@@ -86,4 +86,4 @@ only.
 from ..base.hosted import attach
 
 
-__getattr__, __dir__, __all__ = attach(__name__, __file__, check=True)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

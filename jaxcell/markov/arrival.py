@@ -13,7 +13,7 @@ from ..base.certificate import Numbers
 from ..base.divided import start_loop
 from ..base.precision import require_x64
 from ..base.wide import traced
-from ..mapping.generalized import Chain
+from ..mapping.generalized import Chain, ChainLike
 from ..mapping.sequence import check_steps
 from .hitting import cell_mask, common_cells
 from .passage import start_distribution, survivals
@@ -120,7 +120,7 @@ class Race:
 
 
 def first_arrival(
-    chains: Sequence[Chain],
+    chains: Sequence[ChainLike],
     starts: Sequence[npt.ArrayLike | int] | Distinct,
     target: npt.ArrayLike | int,
     steps: int,

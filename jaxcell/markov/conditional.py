@@ -14,7 +14,7 @@ from ..base.divided import put_on_device
 from ..base.precision import require_x64
 from ..base.wide import traced
 from ..mapping.classes import reaching
-from ..mapping.generalized import Chain
+from ..mapping.generalized import ChainLike
 from ..mapping.traced import like, on_host
 from .hitting import (
     TOLERANCE,
@@ -36,7 +36,7 @@ _HALF_ULP = 2.0**-53
 
 
 def arrival_probabilities(
-    chain: Chain, target: npt.ArrayLike | int, *, throw: bool = True
+    chain: ChainLike, target: npt.ArrayLike | int, *, throw: bool = True
 ) -> Solution:
     """Compute the probability that a chain ever arrives in a set of cells.
 
@@ -73,7 +73,7 @@ def _arrivals(matrix: scipy.sparse.csr_array, there: Cells) -> tuple[Any, ...]:
 
 
 def conditional_hitting_times(
-    chain: Chain, target: npt.ArrayLike | int, *, throw: bool = True
+    chain: ChainLike, target: npt.ArrayLike | int, *, throw: bool = True
 ) -> Solution:
     """Compute the expected number of steps until a chain reaches a set of cells, if it ever does.
 

@@ -7,17 +7,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..base.arguments import checked
 from ..base.indices import as_array, check_indices
 from ..base.precision import require_x64
+from ..base.shown import Shown
 from ..base.wide import traced
-from ..mapping.generalized import Chain
+from ..mapping.generalized import Chain, ChainLike
 from .hitting import common_cells
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
-class DecisionModel:
+class DecisionModel(Shown):
     """A Markov decision process on cells: in each cell one of several actions is taken.
 
     The chain of an action has the probabilities of its moves. If a row sums to less than 1, the
@@ -43,8 +43,7 @@ class DecisionModel:
     "`True` for each action that can be taken in each cell; each cell has at least one."
 
     @classmethod
-    @checked
-    def of(cls, chains: Sequence[Chain], reward: Any, allowed: Any = None) -> "DecisionModel":
+    def of(cls, chains: Sequence[ChainLike], reward: Any, allowed: Any = None) -> "DecisionModel":
         """Create a model from the chain, the rewards and the allowed cells of each action.
 
         `reward` and `allowed` are arrays `[actions, cells]`. By default all actions are allowed.

@@ -12,6 +12,7 @@ from jaxtyping import Array, Float, Int
 
 from ..base.certificate import Certificate, Real, Whole
 from ..base.divided import put_on_device
+from ..base.shown import Pictured
 from ..base.wide import traced
 from ..mapping.batch import Batch
 from ..mapping.generalized import Chain
@@ -38,7 +39,7 @@ _Gains = Float[np.ndarray, "actions cells"]
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
-class Optimum:
+class Optimum(Pictured):
     """The value of every cell, and the best action in it."""
 
     value: Float[Array, "cells"]

@@ -14,10 +14,11 @@ from ..base.certificate import Certificate, Solution
 from ..base.divided import put_on_device
 from ..base.indices import check_indices
 from ..base.precision import require_x64
+from ..base.shown import Pictured
 from ..base.wide import namespace, traced
 from ..mapping.batch import Batch
 from ..mapping.classes import PersistentGroups, check_groups, persistent_groups, reaching
-from ..mapping.generalized import Chain, leaving_rows
+from ..mapping.generalized import Chain, ChainLike, leaving_rows
 from ..mapping.traced import like, on_host
 from .solving.rounds import eliminated
 from .traced import CERTIFIED, expected
@@ -33,7 +34,7 @@ TOLERANCE = 1e-6
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
-class Absorption:
+class Absorption(Pictured):
     """The probabilities of ending in each persistent group and in the sink, from each cell."""
 
     value: Float[Array, "groups cells"]
@@ -44,7 +45,7 @@ class Absorption:
 
 
 def absorption_probabilities(
-    chain: Chain, groups: PersistentGroups | None = None, *, throw: bool = True
+    chain: ChainLike, groups: PersistentGroups | None = None, *, throw: bool = True
 ) -> Absorption:
     """Compute the probability that a chain ends in each persistent group, for each start.
 
@@ -97,7 +98,7 @@ def _absorption(
 
 
 def absorption_times(
-    chain: Chain, groups: PersistentGroups | None = None, *, throw: bool = True
+    chain: ChainLike, groups: PersistentGroups | None = None, *, throw: bool = True
 ) -> Solution:
     """Compute the expected number of steps until a chain is in a persistent group or has left.
 
@@ -115,7 +116,7 @@ def absorption_times(
     return _times_until_left(chain, inside, np.zeros(chain.cells), "absorption_times", throw)
 
 
-def hitting_times(chain: Chain, target: npt.ArrayLike | int, *, throw: bool = True) -> Solution:
+def hitting_times(chain: ChainLike, target: npt.ArrayLike | int, *, throw: bool = True) -> Solution:
     """Compute the expected number of steps until a chain first reaches a set of cells.
 
     **Arguments:** a chain, and a cell, a list of cells, or a mask over the cells. **Returns:** the

@@ -13,10 +13,11 @@ from ..base.certificate import Certificate, Real
 from ..base.divided import of_members, put_on_device
 from ..base.indices import as_array
 from ..base.precision import require_x64
+from ..base.shown import Pictured
 from ..base.wide import traced
 from ..mapping.batch import Batch, Sums
 from ..mapping.classes import PersistentGroups, check_groups, persistent_groups
-from ..mapping.generalized import Chain, leaving_rows
+from ..mapping.generalized import Chain, ChainLike, leaving_rows
 from ..mapping.traced import implicit, like, on_host
 from .solving.rounds import eliminated
 from .solving.stationary import solve_stationary
@@ -29,7 +30,7 @@ _TOLERANCE = 1e-8
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
-class LimitingDistribution:
+class LimitingDistribution(Pictured):
     """The share of the time that a chain spends in each cell in the long run."""
 
     value: Float[Array, "cells"]
@@ -42,7 +43,7 @@ class LimitingDistribution:
 
 
 def limiting_distribution(
-    chain: Chain,
+    chain: ChainLike,
     groups: PersistentGroups | None = None,
     weights: Literal["basin", "size"] | npt.ArrayLike | None = None,
     *,

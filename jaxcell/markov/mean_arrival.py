@@ -13,9 +13,10 @@ from jaxtyping import Bool, Float, Int
 
 from ..base.certificate import Certificate, Real
 from ..base.precision import require_x64
+from ..base.shown import Pictured
 from ..base.wide import traced
 from ..mapping.classes import reaching
-from ..mapping.generalized import Chain, leaving_rows, missing_rows
+from ..mapping.generalized import Chain, ChainLike, leaving_rows, missing_rows
 from .arrival import CHUNK, Distinct, Race, at_start
 from .hitting import hitting_times, leaving_times, prospects
 
@@ -29,7 +30,7 @@ _HALF_ULP = 2.0**-53
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class MeanArrival:
+class MeanArrival(Pictured):
     """An expected number of steps and its certificate."""
 
     value: Real
@@ -37,7 +38,7 @@ class MeanArrival:
 
 
 def mean_first_arrival(
-    chains: Sequence[Chain],
+    chains: Sequence[ChainLike],
     starts: Sequence[npt.ArrayLike | int] | Distinct,
     target: npt.ArrayLike | int,
     *,

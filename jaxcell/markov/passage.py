@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 from ..base.divided import put_on_device, start_loop
 from ..base.precision import require_x64
 from ..base.wide import namespace, traced
-from ..mapping.generalized import Chain
+from ..mapping.generalized import Chain, ChainLike
 from ..mapping.sequence import check_steps
 from .hitting import cell_mask
 
@@ -20,7 +20,7 @@ _ROUNDING = 1e-9
 
 
 def first_passage(
-    chain: Chain, start: npt.ArrayLike | int, target: npt.ArrayLike | int, steps: int
+    chain: ChainLike, start: npt.ArrayLike | int, target: npt.ArrayLike | int, steps: int
 ) -> Float[Array, "{steps}+1"]:
     """Compute the law of the number of steps until a chain first reaches a set of cells.
 

@@ -16,7 +16,7 @@ from ..base.limits import MAX_VERTICES
 from ..base.precision import require_x64
 from ..base.wide import traced
 from ..mapping.classes import closed_classes, periods, persistent_groups
-from ..mapping.generalized import Chain
+from ..mapping.generalized import Chain, ChainLike
 from ..mapping.traced import first_derivative_only, implicit, like, on_host
 from . import dense
 from .hitting import TOLERANCE
@@ -34,7 +34,7 @@ _TIE = 1e-12
 _SQUARINGS = 50
 
 
-def hitting_matrix(chain: Chain, *, throw: bool = True) -> Solution:
+def hitting_matrix(chain: ChainLike, *, throw: bool = True) -> Solution:
     """Compute the expected number of steps between all pairs of cells.
 
     **Arguments:** an irreducible chain of at most 10,000 cells; for other chains, use
@@ -50,7 +50,7 @@ def hitting_matrix(chain: Chain, *, throw: bool = True) -> Solution:
     return _hitting(chain, "hitting_matrix", throw)
 
 
-def commute_times(chain: Chain, *, throw: bool = True) -> Solution:
+def commute_times(chain: ChainLike, *, throw: bool = True) -> Solution:
     """Compute the expected number of steps from each cell to each other cell and back.
 
     **Arguments:** as for [`hitting_matrix`][]. **Returns:** the times of Alam 2018, Eq. 4.3.
@@ -65,7 +65,7 @@ def commute_times(chain: Chain, *, throw: bool = True) -> Solution:
     return Solution(there.value + there.value.T, there.certificate)
 
 
-def kemeny_constant(chain: Chain) -> Real:
+def kemeny_constant(chain: ChainLike) -> Real:
     """Compute the expected number of steps to a cell drawn from the stationary distribution `pi`.
 
     It is `sum_j pi_j h_ij`, the same from every cell `i`. If the drawn cell is the start, the
@@ -98,7 +98,7 @@ def _kemeny(matrix: scipy.sparse.csr_array, group: Int[np.ndarray, "cells"]) -> 
     return constant
 
 
-def entropy_rate(chain: Chain) -> Real:
+def entropy_rate(chain: ChainLike) -> Real:
     """Compute the entropy of a step in the long run, `-sum_ij pi_i p_ij log p_ij`, in nats.
 
     **Arguments:** a chain of any size with one persistent group, in which it ends for sure; it may
@@ -152,7 +152,7 @@ def _entropy_change(_: Any, inputs: Any) -> Float[Array, ""]:
     return share @ fixed
 
 
-def slem(chain: Chain) -> Real:
+def slem(chain: ChainLike) -> Real:
     """Compute the second largest eigenvalue modulus of the transition matrix.
 
     In each step, the distance from the stationary distribution shrinks by about this factor. All
@@ -202,7 +202,7 @@ def _slem_change(_: Any, inputs: Any) -> Float[Array, ""]:
     return jnp.sum(probability * slope)
 
 
-def mixing_time(chain: Chain, distance: float = 0.25) -> Real:
+def mixing_time(chain: ChainLike, distance: float = 0.25) -> Real:
     """Compute the number of steps after which a chain has forgotten its start.
 
     It is the least `t` such that, for every start, the total variation (half the 1-norm of the

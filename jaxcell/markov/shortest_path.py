@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..base.certificate import Certificate
 from ..base.divided import put_on_device
 from ..base.precision import require_x64
+from ..base.shown import Pictured
 from ..base.wide import traced
 from ..mapping.classes import reaching
 from ..mapping.traced import like, on_host
@@ -36,7 +37,7 @@ _MAX_ROUNDS = 1000
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
-class ShortestPath:
+class ShortestPath(Pictured):
     """The quickest of the policies with the highest probability of arriving at a goal."""
 
     probability: Float[Array, "cells"]

@@ -14,8 +14,9 @@ from ..base import memory
 from ..base.certificate import Real
 from ..base.divided import of_members, start_loop
 from ..base.precision import require_x64
+from ..base.shown import Pictured
 from ..base.wide import host_array, namespace, traced
-from ..mapping.generalized import Chain
+from ..mapping.generalized import ChainLike
 from ..mapping.traced import like, on_host
 from .arrival import Distinct, Race
 
@@ -36,7 +37,7 @@ _EQUAL = 9
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
-class Arrivals:
+class Arrivals(Pictured):
     """The times of the first arrival in many independent runs."""
 
     time: Float[Array, "runs"]
@@ -65,7 +66,7 @@ class Arrivals:
 
 def simulate_arrival(
     key: jax.Array,
-    chains: Sequence[Chain],
+    chains: Sequence[ChainLike],
     starts: Sequence[npt.ArrayLike | int] | Distinct,
     target: npt.ArrayLike | int,
     runs: int = 5000,

@@ -2,12 +2,12 @@ import numpy as np
 from jaxtyping import Int
 
 from ..base.indices import check_indices
-from ..mapping.generalized import Chain
+from ..mapping.generalized import ChainLike
 from ..mapping.sequence import check_steps
 
 
 def sample_walks(
-    chain: Chain, starts: Int[np.ndarray, "walks"], steps: int, random: np.random.Generator
+    chain: ChainLike, starts: Int[np.ndarray, "walks"], steps: int, random: np.random.Generator
 ) -> Int[np.ndarray, "times walks"]:
     """Draw independent walks along a chain that never leaves the space.
 

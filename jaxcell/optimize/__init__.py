@@ -49,4 +49,4 @@ strategies from the `Stakes` at each vertex, and `stackelberg` solves for the co
 from ..base.hosted import attach
 
 
-__getattr__, __dir__, __all__ = attach(__name__, __file__, check=True)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -7,7 +7,7 @@ from .cover import (
     minimum_cover as minimum_cover,
 )
 from .game import Commitment as Commitment, stackelberg as stackelberg
-from .graph import Graph as Graph
+from .graph import Graph as Graph, GraphLike as GraphLike
 from .mixing import FastestMixing as FastestMixing, fastest_mixing as fastest_mixing
 from .mixtures import Mixture as Mixture, mixture as mixture
 from .stakes import Stakes as Stakes, payoffs as payoffs

@@ -8,8 +8,9 @@ from jaxtyping import Bool, Float, Int
 from ..base.certificate import Certificate
 from ..base.connected import check_connected, vertices_apart
 from ..base.limits import MAX_VERTICES
+from ..base.shown import Pictured
 from .constraints import Linear, Room, room
-from .graph import Graph
+from .graph import Graph, GraphLike
 from .multiplicative import least_resistance
 from .resistance import Emphasis, Laplacian, interior_point
 from .tour import on_walk, shortest_tour
@@ -21,7 +22,7 @@ _COARSE = 1e-2
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class MinimumCommute:
+class MinimumCommute(Pictured):
     """The weights of edges for which a random walk has the least mean commute time."""
 
     weights: Float[np.ndarray, "edges"]
@@ -36,7 +37,7 @@ class MinimumCommute:
 
 
 def minimum_commute(
-    graph: Graph,
+    graph: GraphLike,
     emphasis: Sequence[int] | None = None,
     share: float = 0.8,
     *,

@@ -10,6 +10,7 @@ import scipy.linalg
 import scipy.optimize
 from jaxtyping import Bool, Float, Int
 
+from ..base.shown import Shown
 from .graph import Graph
 
 
@@ -22,7 +23,7 @@ _NO_PRICE = 1e-9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Linear:
+class Linear(Shown):
     """Bounds on a linear function of the weights of a walk, which sum to 1.
 
     At most a third of the steps along two edges of a triangle:

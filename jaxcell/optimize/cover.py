@@ -7,6 +7,7 @@ from jaxtyping import Bool, Int, UInt64
 
 from ..base.certificate import Certificate
 from ..base.process import no_output
+from ..base.shown import Shown
 
 
 # Tolerance of the bound on the number of sets, which HiGHS computes to about 1e-6.
@@ -14,7 +15,7 @@ _ROUNDING = 1e-4
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Cover:
+class Cover(Shown):
     """A set cover: chosen sets whose union contains every element of every set."""
 
     chosen: Int[np.ndarray, "steps"]
@@ -26,7 +27,7 @@ class Cover:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class MinimumCover:
+class MinimumCover(Shown):
     """A smallest set cover: the fewest sets whose union contains every element of every set."""
 
     chosen: Int[np.ndarray, "chosen"]

@@ -11,6 +11,7 @@ from jaxtyping import Array, Float, Int
 from ..base.certificate import Certificate
 from ..base.precision import require_x64
 from ..base.process import no_output
+from ..base.shown import Shown
 from .validation import distribution, finite
 
 
@@ -26,7 +27,7 @@ _Weights: TypeAlias = Float[np.ndarray, "strategies"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Commitment:
+class Commitment(Shown):
     """The best mixture of the leader's strategies, and the answer of the follower to it."""
 
     weights: Float[Array, "strategies"]

@@ -2,13 +2,14 @@ import dataclasses
 import operator
 import warnings
 from collections.abc import Hashable, Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import scipy.sparse
 from jaxtyping import Float, Int
 
 from ..base.doubts import Doubt
+from ..base.shown import Pictured
 from .geographic import degrees, great_circles, in_metres, positioned
 from .validation import finite, one_each
 
@@ -18,7 +19,7 @@ _UNREAD = frozenset({"weight", "distance", "travel_time"})
 
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
-class Graph:
+class Graph(Pictured):
     """An undirected graph without loops or parallel edges, with optional positions of its vertices.
 
     A line of three vertices, with positions:
@@ -107,6 +108,15 @@ class Graph:
         tail, head = self.edges.T
         entries = (np.tile(values, 2), (np.append(tail, head), np.append(head, tail)))
         return scipy.sparse.csr_array(entries, shape=(self.vertices, self.vertices))
+
+
+if TYPE_CHECKING:
+    # Networkx has no types.
+    GraphLike: TypeAlias = Graph | Any
+    """A graph, or what public functions convert to one: a graph of networkx, or an array of
+    edges."""
+else:
+    GraphLike = Graph
 
 
 def numbered(network: Any) -> Sequence[Hashable]:

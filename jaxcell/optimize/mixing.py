@@ -8,14 +8,15 @@ from jaxtyping import Float
 from ..base.certificate import Certificate
 from ..base.connected import check_connected
 from ..base.process import one_blas_thread
+from ..base.shown import Shown
 from ..mapping import Chain
-from .graph import Graph
+from .graph import GraphLike
 from .spectral import SpectralProblem, least_norm
 from .validation import distribution
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class FastestMixing:
+class FastestMixing(Shown):
     """The reversible chain on a graph that converges fastest to its stationary distribution."""
 
     weights: Float[np.ndarray, "edges"]
@@ -35,7 +36,7 @@ class FastestMixing:
 
 
 def fastest_mixing(
-    graph: Graph, stationary: Any = None, *, tolerance: float = 1e-7, throw: bool = True
+    graph: GraphLike, stationary: Any = None, *, tolerance: float = 1e-7, throw: bool = True
 ) -> FastestMixing:
     """Find the fastest mixing Markov chain on a graph, FMMC (Boyd, Diaconis and Xiao 2004).
 

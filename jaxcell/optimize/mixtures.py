@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 from ..base.certificate import Certificate, Real
 from ..base.divided import put_on_device
 from ..base.precision import require_x64
+from ..base.shown import Pictured
 from ..base.wide import traced
 from ..mapping.traced import implicit, like, on_host
 from .validation import finite
@@ -21,7 +22,7 @@ _TOLERANCE = 1e-12
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
-class Mixture:
+class Mixture(Pictured):
     """The mixture of the columns of a matrix that is nearest to a target."""
 
     weights: Float[Array, "columns"]

@@ -5,11 +5,12 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..base.divided import put_on_device
+from ..base.shown import Shown
 from ..base.wide import namespace
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Stakes:
+class Stakes(Shown):
     """The gains and losses of patroller and adversary at each vertex (Alam 2018, section 4.3.2)."""
 
     values: Float[np.ndarray, "vertices"] | None = None

@@ -4,7 +4,7 @@ import numpy as np
 import scipy.sparse.csgraph
 from jaxtyping import Bool, Float, Int
 
-from .graph import Graph
+from .graph import Graph, GraphLike
 
 
 # Largest number of vertices for which the order is optimal.
@@ -13,7 +13,7 @@ _EXACT = 12
 _AGAIN = 1e-9
 
 
-def shortest_tour(graph: Graph, through: Sequence[int]) -> Int[np.ndarray, "steps"]:
+def shortest_tour(graph: GraphLike, through: Sequence[int]) -> Int[np.ndarray, "steps"]:
     """Find a short closed walk through given vertices, along shortest paths between them.
 
     The order is optimal for up to 12 vertices (Held and Karp 1962). For more vertices, farthest

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from ..base.indices import as_array
+
 
 # Tolerance of the sum of a distribution.
 _ROUNDING = 1e-9
@@ -35,7 +37,7 @@ def one_each(
     name: str, values: Any, count: int, what: str, *, zero: bool = False
 ) -> Float[np.ndarray, "count"]:
     """Return `count` numbers > 0, or >= 0 if `zero`; errors contain `what`, such as "per edge"."""
-    array = np.array(values, np.float64)
+    array = np.array(as_array(values, name), np.float64)
     if array.shape != (count,):
         raise ValueError(f"{name}: expected {count} numbers, one {what}, got {list(array.shape)}")
     fits = (array >= 0) if zero else (array > 0)

@@ -29,4 +29,4 @@ Most functions need 64-bit numbers, and so do the examples: set `JAX_ENABLE_X64=
 from ..base.hosted import attach
 
 
-__getattr__, __dir__, __all__ = attach(__name__, __file__, check=True)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -58,6 +58,8 @@ line, `jaxcell.robot.emulation.simulated` runs the driver and this robot on one 
 `jaxcell.robot.physics` moves the body of the robot with a physics engine.
 """
 
+import types
+
 from ..base import optional_modules
 
 
@@ -124,3 +126,7 @@ from .team import (
     save_team as save_team,
 )
 from .walker import Walker as Walker, cell_strides as cell_strides
+
+
+def __dir__() -> list[str]:
+    return [name for name, value in globals().items() if not isinstance(value, types.ModuleType)]

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from ..base.documents import Fields, check_file, checked_number, decode_json, read_text
 from ..base.paths import replacing
+from ..base.shown import Shown
 from .create.motion import Moved
 from .walker import Drivable
 
@@ -15,7 +16,7 @@ _LEAST, _MOST = 0.5, 2.0
 
 
 @dataclasses.dataclass(frozen=True)
-class Calibration:
+class Calibration(Shown):
     """Factors that correct the distances and angles that the encoders of a robot measure.
 
     They are needed because wheels wear and sink into carpets, and robots of one kind differ by a

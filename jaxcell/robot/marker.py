@@ -28,6 +28,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from ..base.optional_modules import import_module
+from ..base.shown import Shown
 from .frames import Frame
 
 
@@ -66,7 +67,7 @@ _SECOND_DIFFERENCES = np.array([(1, -2, 1), (-2, 4, -2), (1, -2, 1)], np.float32
 
 
 @dataclass(frozen=True)
-class Marker:
+class Marker(Shown):
     """A marker that was found in a frame."""
 
     centre: tuple[float, float]

@@ -1,9 +1,11 @@
 import dataclasses
 from typing import Literal
 
+from ..base.shown import Shown
+
 
 @dataclasses.dataclass(frozen=True)
-class RunOutcome:
+class RunOutcome(Shown):
     """The outcome of a run: its result, the observations, and the possible cells at the end."""
 
     result: Literal[

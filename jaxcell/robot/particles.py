@@ -6,12 +6,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..automata.hidden import Estimate, credible
+from ..base.shown import Shown
 from ..space import CellSpace, Slip, felt_walls, nearest_cell, slipping_step, stride_legs
 from ..space.slip import ERRORS, MISSED
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Cloud:
+class Cloud(Shown):
     """The state of the particles after the observations so far."""
 
     pose: Float[np.ndarray, "particles 3"]

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ..base.documents import check_version
+from ..base.shown import Shown
 from .create.driver import RobotStopped
 from .outcome import RunOutcome
 from .walker import Walker
@@ -79,7 +80,7 @@ def _line(values: Mapping[str, Any]) -> str:
 
 
 @dataclasses.dataclass(frozen=True)
-class LoggedRun:
+class LoggedRun(Shown):
     """The log of a run, as read from its file."""
 
     header: Mapping[str, Any]

@@ -14,4 +14,4 @@ from .stencils import Stencil as Stencil, stencil as stencil
 from .steps import free_steps as free_steps
 from .strides import cell_strides as cell_strides, stride_legs as stride_legs
 from .view import visibility_polygon as visibility_polygon
-from .workspace import Workspace as Workspace
+from .workspace import RoomLike as RoomLike, Workspace as Workspace

@@ -6,6 +6,7 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from jaxtyping import Float, Int, Num
 
+from ..base.shown import Shown
 from .cells import TOLERANCE
 
 
@@ -15,7 +16,7 @@ other end (`"periodic"`), or belong to the cell at the end (`"clamp"`)."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Box:
+class Box(Shown):
     """A box of equal cells, of any number of dimensions.
 
     Cells are numbered from 0, and the index along the last axis changes fastest:
@@ -60,6 +61,9 @@ class Box:
                 "box: expected a lower and an upper corner, and a number of cells along each axis, "
                 "as in Box([-2, -1], [2, 1], cells=[400, 200])"
             )
+        for name, ends in (("lower", lower), ("upper", upper), ("cells", cells)):
+            if np.ndim(ends) != 1 or np.asarray(ends).dtype.kind not in "iuf":
+                raise ValueError(f"{name}: expected a number for each axis, got {ends!r}")
         kinds = (axes,) * len(lower) if isinstance(axes, str) else tuple(axes)
         object.__setattr__(self, "lower", tuple(map(float, lower)))
         object.__setattr__(self, "upper", tuple(map(float, upper)))

@@ -10,9 +10,10 @@ from jaxtyping import Bool, Float, Int
 
 from ..base.doubts import Doubt
 from ..base.limits import Unknown
+from ..base.shown import Pictured
 from ..base.wide import namespace
 from .occupancy import TOLERANCE, in_squares, rasterise
-from .workspace import Workspace, edges
+from .workspace import RoomLike, Workspace, edges
 
 
 MAX_CELLS = 2**31 - 1
@@ -23,7 +24,7 @@ _LARGEST = 1e9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class CellSpace:
+class CellSpace(Pictured):
     """The free configurations of a robot, divided into cells (Alam 2018, section 2.3.2).
 
     Squares of side `cell` cover the bounding box of the map; a square is free if its centre lies in
@@ -71,7 +72,7 @@ class CellSpace:
             )
 
     @classmethod
-    def of(cls, workspace: Workspace | Any, cell: float, directions: int) -> "CellSpace":
+    def of(cls, workspace: RoomLike, cell: float, directions: int) -> "CellSpace":
         """Divide the free space of a map into cells with sides of `cell` metres.
 
         `workspace` may also be a file, a polygon or a grid; see [`Workspace.of_input`][].
@@ -249,7 +250,10 @@ def _nearest_positions(cells: CellSpace) -> Int[np.ndarray, "rows columns"]:
 def _arrays(kind: type | None, *values: Any) -> tuple[Any, Any]:
     """Return the namespace of values, that of JAX if it traces them, and the values as arrays."""
     xp = namespace(*values)
-    return xp, xp.broadcast_arrays(*(xp.asarray(one, kind) for one in values))
+    arrays = [xp.asarray(one) for one in values]
+    if wrong := [one for one in arrays if one.dtype.kind not in "biuf"]:
+        raise ValueError(f"expected numbers of cells, metres or radians, got {wrong[0]}")
+    return xp, xp.broadcast_arrays(*(xp.asarray(one, kind) for one in arrays))
 
 
 def _squares(xp: Any, cells: CellSpace, x: Any, y: Any) -> tuple[tuple[Any, ...], Any]:
@@ -277,7 +281,7 @@ def _check_side(cell: float) -> None:
 
 
 def suggested(
-    room: Workspace | str | os.PathLike[str],
+    room: RoomLike,
     cell: float | None,
     directions: int | None,
     robot_radius: float | None,

@@ -5,6 +5,7 @@ import math
 import numpy as np
 from jaxtyping import Float
 
+from ..base.shown import Shown
 from .cells import MAX_CELLS, TOLERANCE, CellSpace, along_grid
 from .motion import Motion
 from .occupancy import MOST_SQUARES, in_squares
@@ -19,7 +20,7 @@ _MAX_CROSSED = 50_000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Extent:
+class Extent(Shown):
     """The size of a cell space, from which its memory is estimated before the space is created."""
 
     workspace: Workspace | None

@@ -8,6 +8,7 @@ import shapely
 from jaxtyping import Bool, Float, Int
 
 from ..base.limits import Collision
+from ..base.shown import Shown
 from ..base.wide import traced
 from .cells import TOLERANCE, CellSpace
 from .occupancy import in_squares
@@ -94,7 +95,7 @@ RULES: dict[Collision, Rule] = {
 
 
 @dataclasses.dataclass(frozen=True)
-class Motion:
+class Motion(Shown):
     """The motion of a robot: the length of a step, and the rule by which walls block a step.
 
     Steps of half a metre that have to be free only at their ends, as in the dissertation:
@@ -120,6 +121,8 @@ class Motion:
                 "step: expected a number, got an array that JAX traces; walls are found on the "
                 "host: make the motion outside jit, vmap and grad"
             )
+        if self.step is not None and np.asarray(self.step).dtype.kind not in "iuf":
+            raise ValueError(f"step: expected a length in metres, got {self.step!r}")
 
     @property
     def rule(self) -> Rule:

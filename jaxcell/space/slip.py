@@ -7,6 +7,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
+from ..base.shown import Shown
 from .workspace import Workspace, edges
 
 
@@ -23,7 +24,7 @@ _CORNER = 1e-9
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Slip:
+class Slip(Shown):
     """The errors in the motion of a robot, which its wheel encoders do not measure.
 
     The errors are normal, and independent for each straight stretch and turn. A model of bounded

@@ -6,6 +6,7 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Int
 
+from ..base.shown import Shown
 from .motion import Motion
 from .segments import displacement
 
@@ -14,7 +15,7 @@ _Square: TypeAlias = tuple[int, int]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Stencil:
+class Stencil(Shown):
     """The squares that have to be free for a step from the centre of a square, in each direction.
 
     Relative to the start, these squares are the same for every start. Directions with the same

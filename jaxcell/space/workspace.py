@@ -6,7 +6,7 @@ import os
 import re
 import reprlib
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -15,19 +15,27 @@ from jaxtyping import Float, Int
 
 from ..base.bundled import with_path
 from ..base.limits import Unknown
+from ..base.shown import Pictured
 from .maps.grid_files import grid_fields
 from .maps.map_files import read_map, write_map
 from .outlines import cut_along_axes
 
 
 Ring: TypeAlias = npt.ArrayLike | shapely.Polygon
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
+    RoomLike: TypeAlias = "str | os.PathLike[str] | Workspace | BaseGeometry | npt.ArrayLike"
+    """A map, or what [`Workspace.of_input`][] converts to one."""
+else:
+    RoomLike = Any
 
 # Beyond this (metres) the spacing of float64 is coarser than a nanometre.
 _LARGEST_COORDINATE = 1e7
 
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
-class Workspace:
+class Workspace(Pictured):
     """A map: a polygonal boundary minus polygonal obstacles, in metres (Alam 2018, section 2.3.1).
 
     Obstacles may touch or overlap the boundary and each other. The arrays are read-only.
@@ -192,7 +200,7 @@ class Workspace:
             raise ValueError(f"{os.fspath(path)}: {error}") from error
 
     @classmethod
-    def of_input(cls, room: Any, unknown: Unknown = "wall") -> "Workspace":
+    def of_input(cls, room: RoomLike, unknown: Unknown = "wall") -> "Workspace":
         """Create a map of what people have.
 
         It may be a map, a map file, or a name such as `@lab_a`; a shapely polygon, whose holes are
@@ -205,7 +213,7 @@ class Workspace:
             return cls.load(with_path(os.fspath(room)), unknown)
         if isinstance(room, shapely.Polygon):
             return cls(room.exterior.coords, [hole.coords for hole in room.interiors])
-        if getattr(room, "dtype", "") == np.dtype(bool) and np.ndim(room) == 2:
+        if getattr(room, "dtype", "") == np.dtype(bool) and getattr(room, "ndim", 0) == 2:
             return cls(**grid_fields(~np.asarray(room), (0.0, 0.0), 1.0))
         if isinstance(room, list | tuple | np.ndarray):
             return cls(room)

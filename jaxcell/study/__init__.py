@@ -17,6 +17,8 @@ FILE.py:CLASS`, and as the task of a sweep.
 The studies do not use the command line or sweeps. Importing this package does not import JAX.
 """
 
+import types
+
 from ..base import optional_modules
 
 
@@ -76,3 +78,7 @@ STUDIES: tuple[type[Study], ...] = (
     Rooms,
     Team,
 )
+
+
+def __dir__() -> list[str]:
+    return [name for name, value in globals().items() if not isinstance(value, types.ModuleType)]

@@ -3,7 +3,7 @@ import functools
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias
 
 import tyro
 
@@ -13,6 +13,12 @@ from ..base.limits import Collision, Unknown
 from .parameters import AtLeastOne, Length, Limit, Metres
 from .study import Study, about, numbers
 
+
+# The help of commands does without NumPy, which rooms of programs need.
+if TYPE_CHECKING:
+    RoomLike: TypeAlias = space.RoomLike | space.CellSpace
+else:
+    RoomLike = Path | Any
 
 # A map, the side of a cell, the number of directions, the radius of the robot, and what unknown
 # pixels are.
@@ -27,7 +33,7 @@ class CellStudy(Study):
 
     headings: ClassVar[Mapping[str, tuple[str, ...]]] = {"map": ("cell", "unknown")}
 
-    map: tyro.conf.Positional[Annotated[Path | Any, tyro.conf.arg(constructor=Path)]]
+    map: tyro.conf.Positional[Annotated[RoomLike, tyro.conf.arg(constructor=Path)]]
     """Map: jaxcell .json, ROS map_server .yaml, ASCII grid .txt, or a name such as @lab_a."""
     cell: Length | None = None
     """Side of a cell in metres; by default the side that the map suggests, or a round length for
@@ -47,7 +53,7 @@ class CellStudy(Study):
 
     @property
     def _place(self) -> str:
-        return str(self.map) if isinstance(self.map, Path) else self.map.name
+        return self.map.name if isinstance(self.map, space.Workspace) else str(self.map)
 
     @property
     def _ros(self) -> bool:

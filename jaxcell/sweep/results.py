@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..base.shown import Shown
 from .storage.damage import reading
 from .storage.lock import holder
 from .storage.store import DONE, SweepStore
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclasses.dataclass(frozen=True)
-class SweepStatus:
+class SweepStatus(Shown):
     """The progress of a sweep."""
 
     task: str

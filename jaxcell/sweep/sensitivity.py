@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..base.shown import Shown
 from .design import RANDOM_DIMENSION
 from .results import open_sweep
 from .storage.damage import reading
@@ -24,7 +25,7 @@ _CONFIDENCE = 0.95
 
 
 @dataclasses.dataclass(frozen=True)
-class SobolIndex:
+class SobolIndex(Shown):
     """The share of the variance of a variable that is due to one parameter."""
 
     variable: str

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ..base.shown import Shown
 from .results import SweepStatus, sweep_status
 from .run import no_room_reported
 from .storage.digests import made_with
@@ -27,7 +28,7 @@ _MAX_LISTED = 3
 
 
 @dataclasses.dataclass(frozen=True)
-class Shard:
+class Shard(Shown):
     """A part of a sweep: every `count`-th chunk, beginning with chunk `number - 1`.
 
     The second of three shards of a sweep in ten chunks:

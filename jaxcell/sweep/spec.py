@@ -16,6 +16,7 @@ import numpy as np
 
 from ..base.bundled import bundled_names
 from ..base.documents import check_file
+from ..base.shown import Shown
 from .design import SALTELLI, Parameter, check_name, read_parameters
 
 
@@ -43,7 +44,7 @@ class Chunk:
 
 
 @dataclasses.dataclass(frozen=True)
-class Spec:
+class Spec(Shown):
     """The specification of a sweep.
 
     Each parameter of a grid is a *dimension* of the sweep. A list is one dimension, `member`, and

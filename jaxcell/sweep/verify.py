@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..base.results import file_digests
+from ..base.shown import Shown
 from .results import sweep_status
 from .run import run_sweep
 from .spec import Spec
@@ -28,7 +29,7 @@ _BYTE, _SPEC = f"{JOURNAL}, byte", f"{JOURNAL}, spec"
 
 
 @dataclasses.dataclass(frozen=True)
-class Verified:
+class Verified(Shown):
     """The damage that [`verify_sweep`][] found, and how much of it was repaired."""
 
     chunks: int

@@ -7,9 +7,11 @@ import numpy.typing as npt
 import scipy.sparse.linalg
 from jaxtyping import Float, Int
 
+from ..base.shown import Shown
+
 
 @dataclasses.dataclass(frozen=True)
-class Comparison:
+class Comparison(Shown):
     """A comparison of a sample of a result with an independent computation."""
 
     what: str

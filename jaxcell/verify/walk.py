@@ -1,5 +1,6 @@
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import scipy.optimize
@@ -66,7 +67,7 @@ def compare_commute(
     timed = patrol.timed
     times = None if timed is None else timed.duration
     least = conic.least_resistance(graph, rules, durations=times).least
-    reported = [(patrol if timed is None else timed).mean_commute_time]
+    reported: list[Any] = [(patrol if timed is None else timed).mean_commute_time]
     expected = [4 * least / (vertices - 1)]
     compared = [Comparison.close(what, reported, expected, _TIME, relative=True)]
     if rules and timed is None:

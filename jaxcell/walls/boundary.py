@@ -19,6 +19,7 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
 
+from ..base.shown import Shown
 from ..space import Workspace
 from ..space.workspace import coordinate_rounding, edges
 
@@ -32,7 +33,7 @@ _GRAZING = np.radians(80)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Boundary:
+class Boundary(Shown):
     """The walls of the free space of a room. The free space lies to the left of each wall.
 
     The centre of a disc robot moves round a corner on an arc, which chords replace.

@@ -6,6 +6,7 @@ import functools
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..base.shown import Shown
 from ..space.copies import copies
 from .boundary import Boundary
 from .meeting import Met, Pairs, Rows
@@ -16,7 +17,7 @@ _WIDEST = np.pi / 5
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Chords:
+class Chords(Shown):
     """The straight runs from wall to wall, for slices of headings.
 
     A *slice* is an interval of headings. Each row of the arrays describes the runs from a piece of

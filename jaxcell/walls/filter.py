@@ -11,6 +11,7 @@ import numpy.typing as npt
 from jaxtyping import Bool, Float, Int
 
 from ..base import memory
+from ..base.shown import Shown
 from ..space import Workspace
 from .boundary import Boundary, bump_gains
 from .chords import Chords
@@ -75,7 +76,7 @@ class Errors:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class WallFilter:
+class WallFilter(Shown):
     """A filter for robots that start anywhere, run straight until they bump, and turn.
 
     Its states are sets of places on walls with headings ([`WallSet`][jaxcell.walls.WallSet]). The

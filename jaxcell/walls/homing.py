@@ -6,6 +6,7 @@ import functools
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..base.shown import Shown
 from ..space.copies import copies
 from .boundary import run_to_wall
 from .choice import choose_angles
@@ -25,7 +26,7 @@ _NEVER = 100.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Homing:
+class Homing(Shown):
     """Navigation into a goal region, which is a disc, for robots whose start is unknown.
 
     Walls are divided into parts of at most 20 cm, and the expected number of bumps to the goal is

@@ -11,6 +11,7 @@ import shapely
 from jaxtyping import Bool, Float
 from shapely import affinity
 
+from ..base.shown import Shown
 from ..space import Workspace
 from .boundary import Boundary, run_to_wall
 from .chords import Chords
@@ -67,7 +68,7 @@ def _same(piece: shapely.Polygon, other: shapely.Polygon, degrees: float) -> boo
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Alike:
+class Alike(Shown):
     """The poses that some angles cannot distinguish from the poses of robots."""
 
     turns: int

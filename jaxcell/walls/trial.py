@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..base.shown import Shown
 from ..space import Workspace
 from .boundary import bump_gains, places_anywhere, run_to_wall
 from .choice import Aim, choose_angles
@@ -21,7 +22,7 @@ _WITHIN = 1 - 1e-9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Trial:
+class Trial(Shown):
     """The runs of simulated robots, and their sets of possible places."""
 
     start: Float[np.ndarray, "robots 2"]

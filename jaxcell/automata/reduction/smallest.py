@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Int32
 
 from ...base.optional_modules import import_module
+from ...base.shown import Shown
 from ..filter import Filter
 from ..machine import MooreMachine
 from ..minimization import moore_classes
@@ -23,7 +24,7 @@ _LARGEST = 1_000_000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Smallest:
+class Smallest(Shown):
     """A small machine with the same outputs, and a proved lower bound on the number of states.
 
     Every string of symbols that can occur in the original machine can occur in the small machine,

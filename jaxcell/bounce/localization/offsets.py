@@ -22,6 +22,7 @@ from jaxtyping import Bool, Float
 
 from ...automata import Filter
 from ...base.quantities import derived
+from ...base.shown import Shown
 from ...mapping import SimpleMap
 from ...space import CELL_BY_CELL, CellSpace, Motion
 from ..dynamics import bounce_shift
@@ -40,7 +41,7 @@ _OTHER_OFFSETS = 4
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Offsets:
+class Offsets(Shown):
     """The classes of offsets within a cell; robots of one class bump in the same cells."""
 
     cells: CellSpace

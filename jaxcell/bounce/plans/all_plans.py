@@ -9,6 +9,7 @@ from jaxtyping import Array, Float, Int, Integer, Shaped
 
 from ...base import memory
 from ...base.quantities import Checks, Result, quantity
+from ...base.shown import Shown
 from ...space import CELL_BY_CELL, CellSpace, Motion
 from ..dynamics import check_cell
 from .plan import Plan, read_plan
@@ -48,7 +49,7 @@ class CostSummary(Result):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class AllPlans:
+class AllPlans(Shown):
     """The cheapest plans between all pairs of cells (Alam 2018, Alg. 3.2).
 
     Only the routes from walls to entries are kept (see [`jaxcell.bounce.Roadmap`][]), in memory or

@@ -7,6 +7,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ...base.shown import Shown
 from ...space import CELL_BY_CELL, CellSpace, Motion, estimates
 from ...space.copies import copies
 from ...space.steps import Steps
@@ -18,7 +19,7 @@ Method: TypeAlias = Literal["exact", "layered"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Roadmap:
+class Roadmap(Shown):
     """The roadmap of a robot that chooses an angle at each bump (Alam 2018, section 3.4.1).
 
     The cells where a robot bumps are the *walls*, numbered by direction, then position. Every cell

@@ -14,6 +14,7 @@ from scipy.stats import qmc
 
 from ...automata import HiddenMap
 from ...base import memory
+from ...base.shown import Shown
 from ...space import CellSpace, Slip, felt_walls, nearest_cell, slipping_step, stride_legs
 from ...space.slip import ERRORS, TURNING, to_wall
 from ..dynamics import bounce_shift
@@ -35,7 +36,7 @@ _BYTES = 1000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class FineCells:
+class FineCells(Shown):
     """The finer cells of a map, for the belief of a robot that slips.
 
     A robot that slips believes that its heading is a direction of the map, the *believed*

@@ -6,6 +6,7 @@ from jaxtyping import Bool, Float, Int
 
 from ...automata import HiddenMap
 from ...base.certificate import Certificate
+from ...base.shown import Shown
 from ...mapping.classes import reaching
 
 
@@ -14,7 +15,7 @@ _TOLERANCE, _MOST_SWEEPS = 1e-3, 20_000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class SlipPolicy:
+class SlipPolicy(Shown):
     """A choice of angles at bumps that brings a slipping robot to a goal."""
 
     choice: Int[np.ndarray, "fine"]

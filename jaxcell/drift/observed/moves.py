@@ -8,6 +8,7 @@ import numpy.typing as npt
 from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
+from ...base.shown import Shown
 from ...currents.sphere import EARTH_RADIUS, goes_round, on_sphere, wrapped
 from ...mapping import Chain
 from ..water import Water
@@ -23,7 +24,7 @@ _ROUNDING = 1e-9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class CountedMoves:
+class CountedMoves(Shown):
     """Observed moves of drifters from cell to cell."""
 
     water: Water
@@ -88,7 +89,7 @@ class CountedMoves:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Spread:
+class Spread(Shown):
     """A quantity with its sampling error, estimated by a bootstrap over drifters."""
 
     value: np.ndarray

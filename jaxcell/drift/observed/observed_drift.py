@@ -111,9 +111,9 @@ class ObservedDrift(LayeredResult):
         if self.after is None and not self._of_cells(self.spread.value, 2).any():
             earlier = "--after chooses an earlier time."
             remarks += (f"In the long run all drifters have left the map; {earlier}",)
-        if self.seen.drogued is not None and self.drogued_share not in (0.0, 1.0):
+        if (drogued := self.drogued_share) is not None and drogued not in (0.0, 1.0):
             remarks += (
-                f"{1 - self.drogued_share:.0%} of the observations are of drifters that had lost "
+                f"{1 - drogued:.0%} of the observations are of drifters that had lost "
                 "their drogue, which go with the wind too; --drogue kept leaves them out.",
             )
         return remarks

@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 from ...base.doubts import Doubt
 from ...base.paths import replacing
 from ...base.process import library_writes
+from ...base.shown import Shown
 from ...currents.axes.times import SECONDS
 from ...currents.component import FASTEST_CURRENT
 from ...currents.conventions import Role, find
@@ -34,7 +35,7 @@ _MAX_TIME = 1e17
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Trajectories:
+class Trajectories(Shown):
     """Observed positions of drifters, sorted by drifter.
 
     Three observations of one drifter, and two of another:

@@ -5,6 +5,7 @@ import numpy as np
 import scipy.ndimage
 from jaxtyping import Array, Bool, Float, Int
 
+from ...base.shown import Shown
 from ..advection import carried
 from ..drift_step import DriftStep
 from ..flow import Flow, nearest_square
@@ -109,7 +110,7 @@ def ridges(
 
 
 @dataclasses.dataclass(frozen=True)
-class Agreement:
+class Agreement(Shown):
     """The agreement of the borders of groups with ridges."""
 
     near: float

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Int
 
+from ...base.shown import Shown
 from ...mapping import PersistentGroups, persistent_groups
 from ..advection import carried
 from ..drift_step import DriftStep
@@ -19,7 +20,7 @@ _LONG = 10
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Diagnosis:
+class Diagnosis(Shown):
     """Signs that the grid, rather than the flow, determines the groups of a drift map."""
 
     duration: float

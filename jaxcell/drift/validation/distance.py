@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from ...base.shown import Pictured
 from ...mapping import Chain, ChainSequence
 from ...mapping.sequence import as_sequence
 from ..drift_step import DriftStep
@@ -36,7 +37,7 @@ _PARTS = 6
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Distance:
+class Distance(Pictured):
     """The total variation between the distributions of drifters in a map and in a simulation."""
 
     hours: Float[np.ndarray, "times"]

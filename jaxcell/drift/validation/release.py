@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
+from ...base.shown import Pictured
 from ...mapping import Chain, ChainSequence
 from ...mapping.sequence import as_sequence
 from ..flow import Flow, steps_in
@@ -19,7 +20,7 @@ _TYPICAL = 9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class ReleaseDistance:
+class ReleaseDistance(Pictured):
     """The total variation between a map and drifters that are released uniformly in one cell."""
 
     cells: Int[np.ndarray, "releases"]

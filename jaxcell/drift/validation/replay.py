@@ -8,6 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ...base.shown import Shown
 from ..advection import drifted, longest_step
 from ..flow import Flow
 from ..water import Water
@@ -35,7 +36,7 @@ SAMPLING = Sampling()
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Replay:
+class Replay(Shown):
     """Drifters that were simulated in the flow, with their cells at chosen times."""
 
     hours: Float[np.ndarray, "times"]

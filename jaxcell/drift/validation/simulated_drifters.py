@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, Float, Int
 
+from ...base.shown import Pictured, Shown
 from ...currents.sphere import turned
 from ...mapping import Chain, ChainSequence
 from ...mapping.sequence import as_sequence
@@ -17,7 +18,7 @@ from ..water import Water
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Drifters:
+class Drifters(Shown):
     """The positions of simulated drifters, step by step."""
 
     x: Float[Array | np.ndarray, "steps drifters"]
@@ -105,7 +106,7 @@ def simulate_drifters(
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Comparison:
+class Comparison(Pictured):
     """The distance between the distributions of a chain and of simulated drifters over time."""
 
     hours: Float[np.ndarray, "times"]

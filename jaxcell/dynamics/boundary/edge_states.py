@@ -3,9 +3,11 @@ import dataclasses
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
+from ...base.shown import Shown
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class EdgeStates:
+class EdgeStates(Shown):
     """Edge states: saddles on boundaries of basins, which attract the orbits on the boundary."""
 
     first: Int[np.ndarray, "edges"]

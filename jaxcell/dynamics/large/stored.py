@@ -11,6 +11,7 @@ import numpy as np
 
 from ...base import memory
 from ...base.indices import check_whole
+from ...base.shown import Shown
 from ...space.box import Box
 from ..arrival import mean_arrivals
 from ..attractors import attractors
@@ -33,7 +34,7 @@ _PASSES = 4e-7
 
 
 @dataclasses.dataclass(frozen=True)
-class Foretold:
+class Foretold(Shown):
     """The estimated time, memory and disk space that `stored_basins` needs."""
 
     cells: int

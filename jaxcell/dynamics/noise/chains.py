@@ -10,7 +10,7 @@ from scipy.sparse import csr_array, vstack
 from scipy.special import ndtr
 
 from ...base import memory
-from ...base.indices import check_whole
+from ...base.indices import as_array, check_whole
 from ...base.precision import require_x64
 from ...base.wide import traced
 from ...mapping import Chain, persistent_groups
@@ -89,7 +89,7 @@ def chain(
         raise ValueError("map: noise needs equal durations of cells; give flow a number of steps")
     if traced(params, noise):
         return _traced_chain(map, box, params, samples, noise, key)
-    deviation = np.broadcast_to(np.asarray(noise, float), (box.dimensions,))
+    deviation = np.broadcast_to(np.asarray(as_array(noise, "noise"), float), (box.dimensions,))
     if not (np.isfinite(deviation).all() and (deviation >= 0).all()):
         raise ValueError(f"noise: expected numbers from 0, got {noise}")
     torn_axes(map, box, [params])

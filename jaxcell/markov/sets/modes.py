@@ -11,8 +11,9 @@ from jaxtyping import Array, Complex
 from scipy.sparse import linalg
 
 from ...base.certificate import Certificate
+from ...base.shown import Pictured
 from ...base.wide import traced
-from ...mapping import Chain, ChainSequence
+from ...mapping import Chain, ChainLike, ChainSequence
 from ...mapping.traced import first_derivative_only, implicit, like, on_host
 from ..traced import CERTIFIED
 from .window import Window, leading_order, leading_subspace, steps_of
@@ -32,7 +33,7 @@ _LARGEST = 1 - 1e-9
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
-class Modes:
+class Modes(Pictured):
     """Leading eigenvalues of the matrix of one or several steps of a chain, with eigenvectors.
 
     Under `grad` and `jvp` all three arrays have derivatives where the eigenvalue is simple.
@@ -50,7 +51,7 @@ class Modes:
 
 
 def leading_modes(
-    chain: Chain | ChainSequence,
+    chain: ChainLike | ChainSequence,
     count: int,
     *,
     steps: int | None = None,

@@ -8,7 +8,8 @@ from jaxtyping import Float, Int
 from ...base.certificate import Certificate
 from ...base.indices import as_array
 from ...base.process import one_blas_thread
-from ...mapping import Chain, ChainSequence
+from ...base.shown import Pictured
+from ...mapping import Chain, ChainLike, ChainSequence
 from .modes import TOLERANCE, check_count
 from .window import Subspace, Window, leading_subspace
 
@@ -30,7 +31,7 @@ _TINY = np.finfo(float).tiny
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class NearlyClosedSets:
+class NearlyClosedSets(Pictured):
     """Sets of cells that a chain hardly leaves in several steps, in descending order of mass."""
 
     begin: Int[np.ndarray, "cells"]
@@ -63,13 +64,13 @@ class NearlyClosedSets:
 
 
 def almost_invariant_sets(
-    chain: Chain | ChainSequence,
+    chain: ChainLike | ChainSequence,
     count: int,
     mass: Float[np.ndarray, "cells"] | None = None,
     *,
     steps: int | None = None,
     start: int = 0,
-    blur: Chain | None = None,
+    blur: ChainLike | None = None,
     throw: bool = True,
 ) -> NearlyClosedSets:
     """Find sets of cells that mass hardly leaves and hardly enters.
@@ -112,13 +113,13 @@ def almost_invariant_sets(
 
 
 def coherent_sets(
-    chain: Chain | ChainSequence,
+    chain: ChainLike | ChainSequence,
     count: int,
     mass: Float[np.ndarray, "cells"] | None = None,
     *,
     steps: int | None = None,
     start: int = 0,
-    blur: Chain | None = None,
+    blur: ChainLike | None = None,
     throw: bool = True,
 ) -> NearlyClosedSets:
     """Find sets of cells that move and hardly mix with their surroundings, over a finite time.
@@ -144,13 +145,13 @@ def coherent_sets(
 
 
 def attracting_regions(
-    chain: Chain | ChainSequence,
+    chain: ChainLike | ChainSequence,
     count: int,
     mass: Float[np.ndarray, "cells"] | None = None,
     *,
     steps: int | None = None,
     start: int = 0,
-    blur: Chain | None = None,
+    blur: ChainLike | None = None,
     throw: bool = True,
 ) -> NearlyClosedSets:
     """Find regions where mass gathers, and their basins, which mass hardly leaves but may enter.

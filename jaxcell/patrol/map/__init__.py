@@ -32,4 +32,4 @@ closed tours through covers. `PatrolledMap` contains all results, for datasets a
 from ...base.hosted import attach
 
 
-__getattr__, __dir__, __all__ = attach(__name__, __file__, check=True)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

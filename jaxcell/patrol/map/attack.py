@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...base.certificate import Numbers
-from ...optimize import Graph
+from ...base.shown import Shown
+from ...optimize import Graph, GraphLike
 from .policies import Policy
 from .regions import Regions, check_visible
 
@@ -15,7 +16,7 @@ _STARTS = ("stationary", "uniform", "worst")
 
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
-class Attack:
+class Attack(Shown):
     """Attacks on cells of a map: their durations, and the places of robots at the start."""
 
     times: Int[np.ndarray, "times"]
@@ -64,7 +65,7 @@ class Attack:
 
 
 def boundary(
-    graph: Graph, view: Bool[np.ndarray, "*targets cells"]
+    graph: GraphLike, view: Bool[np.ndarray, "*targets cells"]
 ) -> Bool[np.ndarray, "*targets cells"]:
     """Return the cells where a patroller from outside first sees a target (Alam 2018, Fig. 4.3).
 

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
 from ...markov import Arrivals, first_arrival, simulate_arrival
-from ...optimize import Graph
+from ...optimize import Graph, GraphLike
 from ..law.fit import GldFit, fit_gld
 from ..team.times import check_vertex
 from .attack import Attack, boundary, check_policies
@@ -89,7 +89,7 @@ class Vulnerability(Result):
 
 def vulnerability(
     key: jax.Array,
-    graph: Graph,
+    graph: GraphLike,
     visible: Bool[np.ndarray, "cells cells"],
     policies: Sequence[Policy],
     target: int,

@@ -12,7 +12,7 @@ from ...base.precision import require_x64
 from ...base.quantities import PROBABILITY, Checks, Result, derived, from_part, quantity
 from ...base.wide import traced
 from ...mapping import Chain
-from ...optimize import Graph, shortest_tour
+from ...optimize import Graph, GraphLike, shortest_tour
 from .attack import Attack, check_policies, contested
 from .policies import Policy
 from .regions import Regions
@@ -103,7 +103,7 @@ class Capture(Result):
 
 
 def capture_probabilities(
-    graph: Graph,
+    graph: GraphLike,
     visible: Bool[np.ndarray, "cells cells"],
     policies: Sequence[Policy],
     attack: Attack,
@@ -141,7 +141,7 @@ def capture_probabilities(
 
 
 def capture_by_tours(
-    graph: Graph,
+    graph: GraphLike,
     visible: Bool[np.ndarray, "cells cells"],
     covers: Sequence[Sequence[int] | Int[np.ndarray, "_"]],
     attack: Attack,

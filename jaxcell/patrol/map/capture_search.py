@@ -13,7 +13,7 @@ from ...base.process import one_blas_thread
 from ...base.quantities import Result, derived, from_part, quantity
 from ...mapping import Chain
 from ...markov import dense
-from ...optimize import Graph, greedy_cover, shortest_tour
+from ...optimize import Graph, GraphLike, greedy_cover, shortest_tour
 from ...optimize.validation import check_count
 from ..walks.optimal.ascent import late_gain
 from ..walks.steps import Steps
@@ -96,7 +96,7 @@ class Frontier(Result):
 
 
 def capture_policies(
-    graph: Graph,
+    graph: GraphLike,
     visible: Bool[np.ndarray, "cells cells"],
     robots: int,
     attack: Attack,
@@ -151,7 +151,7 @@ def capture_policies(
 
 
 def capture_frontier(
-    graph: Graph,
+    graph: GraphLike,
     visible: Bool[np.ndarray, "cells cells"],
     robots: int,
     attack: Attack,

@@ -206,10 +206,12 @@ class PatrolledMap(Result):
     @property
     def _compared_with_round(self) -> str | None:
         """A sentence that compares the least probability of capture with that of a round."""
-        if self.round is None or self.round.least_capture is None:
+        if self.round is None:
             return None
         watched = self.captures.attack.start == "worst"
         caught = self.round.watched_capture if watched else self.round.least_capture
+        if caught is None:
+            return None
         beaten = caught > self.least_capture
         return f"{self.round.followers}, capture with a probability of {caught:.3f} at least" + (
             ", more than this patrol" if beaten else ""

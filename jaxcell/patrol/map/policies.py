@@ -10,10 +10,12 @@ from jaxtyping import Bool, Float, Int
 
 from ...base.certificate import Certificate, Numbers
 from ...base.quantities import derived
+from ...base.shown import Shown
 from ...base.wide import traced
 from ...mapping import Chain
 from ...optimize import (
     Graph,
+    GraphLike,
     MinimumCommute,
     greedy_cover,
     minimum_commute,
@@ -31,7 +33,7 @@ _COVER_SECONDS = 5.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Policy:
+class Policy(Shown):
     """The walk of one robot on the cells of a map, or on a subset of them."""
 
     cells: Int[np.ndarray, "visited"]
@@ -72,7 +74,7 @@ def of_policies(path: str, *description: Any, **more: Any) -> Any:
 
 
 def distributed_policies(
-    graph: Graph, visible: Bool[np.ndarray, "cells cells"], robots: int, share: float = 0.8
+    graph: GraphLike, visible: Bool[np.ndarray, "cells cells"], robots: int, share: float = 0.8
 ) -> tuple[Policy, ...]:
     """Compute walks that each watch the whole map (Alam 2018, section 4.4.4).
 
@@ -105,7 +107,7 @@ def distributed_policies(
 
 
 def centralized_policies(
-    graph: Graph, visible: Bool[np.ndarray, "cells cells"], regions: Regions, share: float = 0.8
+    graph: GraphLike, visible: Bool[np.ndarray, "cells cells"], regions: Regions, share: float = 0.8
 ) -> tuple[Policy, ...]:
     """Compute walks that each watch one region and report to a base (Alam 2018, section 4.4.5).
 

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from ...base.quantities import Result, derived, quantity
 from ...markov.passage import survivals
-from ...optimize import Graph
+from ...optimize import GraphLike
 from .policies import Policy, centralized_policies, of_policies
 from .regions import Regions, angular_regions
 
@@ -83,7 +83,7 @@ def silence_limit(policy: Policy, alpha: float = 0.01) -> int:
 
 
 def reassign(
-    graph: Graph,
+    graph: GraphLike,
     visible: Bool[np.ndarray, "cells cells"],
     regions: Regions,
     policies: tuple[Policy, ...],

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Int
 
 from ...base.connected import check_connected
 from ...base.quantities import Result, derived, quantity
-from ...optimize import Graph
+from ...optimize import Graph, GraphLike
 from ..team.times import check_vertex
 
 
@@ -42,7 +42,7 @@ class Regions(Result):
 
 
 def base_station(
-    graph: Graph, visible: Bool[np.ndarray, "cells cells"], central: float = 0.1
+    graph: GraphLike, visible: Bool[np.ndarray, "cells cells"], central: float = 0.1
 ) -> int:
     """Choose the cell for a base station: the central cell that sees the most cells.
 
@@ -75,7 +75,7 @@ def base_station(
 
 
 def angular_regions(
-    graph: Graph, base: int, view: Bool[np.ndarray, "cells"], robots: int
+    graph: GraphLike, base: int, view: Bool[np.ndarray, "cells"], robots: int
 ) -> Regions:
     """Divide among robots the cells that a base station does not see (Alam 2018, section 4.4.5).
 

@@ -11,6 +11,7 @@ import scipy.interpolate
 from jaxtyping import Array, Bool, Float, Int
 
 from ...base.certificate import Certificate
+from ...base.shown import Shown
 from ...base.wide import traced
 from ...mapping import Chain
 from ...markov import first_passage, hitting_times
@@ -123,7 +124,7 @@ def detection_polynomials(perimeter: Perimeter, time: int) -> _Polynomials:
 
 
 @dataclasses.dataclass(frozen=True)
-class Maximin:
+class Maximin(Shown):
     """The probability p of heads that maximises detection in the weakest segment."""
 
     p: float

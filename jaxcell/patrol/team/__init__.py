@@ -16,4 +16,4 @@ walk returns to a charger in time (`Charged`).
 from ...base.hosted import attach
 
 
-__getattr__, __dir__, __all__ = attach(__name__, __file__, check=True)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from ...base.connected import check_connected
 from ...base.quantities import Result, derived, quantity
-from ...optimize import Graph
+from ...optimize import Graph, GraphLike
 from ..walks.arrival import captured_by_any
 from .idleness import RobotShares, idleness_over_vertices, steps_between_visits
 from .times import check_vertex, check_walks, names_of
@@ -114,7 +114,7 @@ class Charged(Result):
 
 
 def charged(
-    graph: Graph,
+    graph: GraphLike,
     matrices: Float[np.ndarray, "robots vertices vertices"],
     charger: int,
     every: int,

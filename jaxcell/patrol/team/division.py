@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 
 from ...base.connected import check_connected
 from ...base.quantities import Result, quantity
-from ...optimize import Graph
+from ...optimize import Graph, GraphLike
 from .times import check_walks
 
 
@@ -45,7 +45,7 @@ class Division(Result):
 
 
 def divide_graph(
-    graph: Graph, parts: int, *, names: Sequence[str] | None = None
+    graph: GraphLike, parts: int, *, names: Sequence[str] | None = None
 ) -> Int[np.ndarray, "vertices"]:
     """Divide a graph into connected parts with nearly equal numbers of vertices.
 
@@ -158,7 +158,7 @@ def _pieces_without(vertex: int, part: list[int], neighbours: list[list[int]]) -
     return pieces
 
 
-def part_of_graph(graph: Graph, vertices: Int[np.ndarray, "part"]) -> Graph:
+def part_of_graph(graph: GraphLike, vertices: Int[np.ndarray, "part"]) -> Graph:
     """Return the subgraph of given vertices, numbered from 0 in the given order.
 
     The last three vertices of a line of four:
@@ -182,7 +182,7 @@ def part_of_graph(graph: Graph, vertices: Int[np.ndarray, "part"]) -> Graph:
 
 
 def walk_in_part(
-    graph: Graph, vertices: Int[np.ndarray, "part"], matrix: Float[np.ndarray, "inside inside"]
+    graph: GraphLike, vertices: Int[np.ndarray, "part"], matrix: Float[np.ndarray, "inside inside"]
 ) -> Float[np.ndarray, "states states"]:
     """Extend a walk in a part of a graph to all vertices, by shortest paths to the part.
 

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...base.quantities import Checks, Result, derived, quantity
-from ...optimize import Graph
+from ...optimize import GraphLike
 from .idleness import idleness_over_vertices
 from .times import check_walks, hitting_check, move_times
 
@@ -59,7 +59,7 @@ class Timed(Result):
 
 
 def timed(
-    graph: Graph,
+    graph: GraphLike,
     matrices: Float[np.ndarray, "robots vertices vertices"],
     shares: Float[np.ndarray, "robots vertices"],
     durations: Any,

@@ -2,6 +2,7 @@ import dataclasses
 import heapq
 import math
 from collections.abc import Callable, Iterable, Mapping
+from functools import cached_property
 from operator import attrgetter
 from typing import Annotated, Any, ClassVar, TypeAlias
 
@@ -14,7 +15,7 @@ from ...base.quantities import Result, derived, quantity
 from ...base.wide import host_array
 from ...mapping import Chain, persistent_groups
 from ...markov import limiting_distribution
-from ...optimize import Graph, shortest_tour
+from ...optimize import GraphLike, shortest_tour
 from .times import check_walks, edge_times, move_times
 
 
@@ -86,7 +87,7 @@ def long_run(matrices: Iterable[Any]) -> Float[Numbers, "robots vertices"]:
 
 def idleness_over_vertices(
     units: str, idleness: Callable[[Any], Float[np.ndarray, "vertices"]] = attrgetter("idleness")
-) -> tuple[derived, derived]:
+) -> tuple[cached_property[float], cached_property[float]]:
     """Build two quantities: the mean and the maximum over vertices of the time between visits.
 
     `idleness` is a function that computes this time at each vertex for a result, in `units`."""
@@ -118,7 +119,7 @@ def steps_between_visits(
 
 
 def simulate_idleness(
-    graph: Graph,
+    graph: GraphLike,
     matrices: Float[np.ndarray, "robots states states"],
     *,
     times: Any = None,

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from ...base import memory
 from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
-from ...optimize import Graph
+from ...optimize import GraphLike
 from ...space.copies import copies
 from .idleness import long_run
 from .times import check_vertex, check_walks, check_whole, move_times, names_of
@@ -70,7 +70,7 @@ class News(Result):
 
 
 def age_of_news(
-    graph: Graph,
+    graph: GraphLike,
     matrices: Float[np.ndarray, "robots vertices vertices"],
     base: int,
     *,

@@ -7,7 +7,7 @@ import scipy.sparse.csgraph
 from jaxtyping import Bool, Float, Int
 
 from ...base.quantities import Result, derived, quantity
-from ...optimize import Graph, greedy_cover, shortest_tour
+from ...optimize import Graph, GraphLike, greedy_cover, shortest_tour
 from ...optimize.validation import check_count, one_each
 from .division import divide_graph, part_of_graph
 from .times import check_whole, names_of
@@ -84,7 +84,7 @@ class Round(Result):
 
 
 def evenly_spaced_round(
-    graph: Graph,
+    graph: GraphLike,
     robots: int,
     attack_time: Any = None,
     *,
@@ -230,7 +230,7 @@ def _shared_out(tours: Sequence[_Tour], robots: int) -> list[int]:
 
 
 def round_on_map(
-    graph: Graph,
+    graph: GraphLike,
     visible: Bool[np.ndarray, "cells cells"],
     robots: int,
     attack_time: int,

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...optimize import Graph
+from ...optimize import Graph, GraphLike
 from ...optimize.validation import one_each
 
 
@@ -37,7 +37,7 @@ def edge_times(graph: Graph, times: Any = None) -> Float[np.ndarray, "edges"]:
     return one_each("times", given, edges, "per edge")
 
 
-def whole_times(graph: Graph, speed: float, unit: float) -> Int[np.ndarray, "edges"]:
+def whole_times(graph: GraphLike, speed: float, unit: float) -> Int[np.ndarray, "edges"]:
     """Compute the travel time of each edge in whole units of time, rounded up, at least 1.
 
     Lengths of edges are in metres, `speed` in metres per second, and `unit` in seconds. A robot is
@@ -57,7 +57,7 @@ def whole_times(graph: Graph, speed: float, unit: float) -> Int[np.ndarray, "edg
     return np.maximum(1, np.ceil(units)).astype(np.int64)
 
 
-def time_unit_of(graph: Graph, speed: float, attack_time: Any) -> float:
+def time_unit_of(graph: GraphLike, speed: float, attack_time: Any) -> float:
     """Choose a unit of time, in which travel times and attacks are whole numbers, in seconds.
 
     The time that a search takes grows with these numbers. So the unit is the longest attack divided

@@ -35,4 +35,4 @@ Eq. 4.3 is half of this `C`, the mean hitting time; both have the same best weig
 from ...base.hosted import attach
 
 
-__getattr__, __dir__, __all__ = attach(__name__, __file__, check=True)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -13,14 +13,14 @@ from ...base.certificate import Numbers
 from ...base.divided import start_loop
 from ...base.precision import require_x64
 from ...base.wide import host_array, traced
-from ...optimize import Graph
+from ...optimize import Graph, GraphLike
 from ..team.division import divide_graph
 from ..team.idleness import long_run
 from ..team.times import check_whole, move_times, names_of
 
 
 def walk_capture_probabilities(
-    graph: Graph, matrix: Any, attack_time: Any, travel_times: Any = None
+    graph: GraphLike, matrix: Any, attack_time: Any, travel_times: Any = None
 ) -> Float[Numbers, "starts targets"]:
     """Compute the probability that a robot reaches a target within the attack time.
 
@@ -75,7 +75,7 @@ def watched_capture(
 
 
 def blind_capture(
-    graph: Graph, walks: Any, attack_time: Any, travel_times: Any = None
+    graph: GraphLike, walks: Any, attack_time: Any, travel_times: Any = None
 ) -> Float[Numbers, "targets"]:
     """Compute the probability that independent robots capture an attack at a random time.
 

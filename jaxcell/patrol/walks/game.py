@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 
 from ...base.quantities import Result, derived, from_part, quantity
 from ...markov import dense
-from ...optimize import Commitment, Graph, Stakes, minimum_commute, payoffs, stackelberg
+from ...optimize import Commitment, GraphLike, Stakes, minimum_commute, payoffs, stackelberg
 from ..team.times import names_of
 from .paths import toward
 from .walk import edge_shares, random_walk
@@ -92,7 +92,7 @@ class StrategyGame(Result):
 
 
 def strategy_game(
-    graph: Graph,
+    graph: GraphLike,
     emphasis: Sequence[int] | None = None,
     share: float = 0.8,
     *,

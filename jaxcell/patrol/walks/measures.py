@@ -9,7 +9,7 @@ from ...base.certificate import Numbers, Real
 from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
 from ...base.secondary import Secondary
 from ...base.wide import host_array, traced
-from ...mapping import Chain, persistent_groups
+from ...mapping import Chain, ChainLike, persistent_groups
 from ...markov import dense, limiting_distribution
 from ...markov.quantities import entropy_rate, hitting_matrix, kemeny_constant, mixing_time, slem
 from ..team.times import hitting_check
@@ -82,7 +82,7 @@ class Measures(Result):
         return checks
 
 
-def measure(chain: Chain) -> Measures:
+def measure(chain: ChainLike) -> Measures:
     """Compute all quantities of [`Measures`][] for a chain of up to a few thousand vertices.
 
     **Arguments:** a chain that visits the same vertices in the long run, wherever it starts.

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...base.quantities import Result, derived, quantity
-from ...optimize import Graph
+from ...optimize import GraphLike
 from ..team.idleness import RobotShares, idleness_over_vertices, long_run, steps_between_visits
 from ..team.rounds import evenly_spaced_round
 from ..team.times import names_of
@@ -73,7 +73,7 @@ class MemoryPatrol(Result):
 
 
 def memory_patrol(
-    graph: Graph,
+    graph: GraphLike,
     attack_time: Any,
     memory: int,
     matrices: Float[np.ndarray, "robots vertices vertices"],

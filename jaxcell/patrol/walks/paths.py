@@ -8,7 +8,7 @@ import scipy.sparse
 from jaxtyping import Float
 
 from ...mapping import Chain
-from ...optimize import Graph
+from ...optimize import Graph, GraphLike
 from ...optimize.validation import check_count
 from ..team.times import check_vertex
 
@@ -19,7 +19,7 @@ _PARTS, _ROUNDING = 16, 1e-9
 _MAX_SEARCHES = 500_000
 
 
-def toward(graph: Graph, vertex: int, paths: int = 1) -> Chain:
+def toward(graph: GraphLike, vertex: int, paths: int = 1) -> Chain:
     """Build a walk that heads for a vertex along short paths (Alam 2018, Alg. 4.1).
 
     From every other vertex there are `paths` shortest simple paths to the vertex (Yen 1971). Each

@@ -5,14 +5,14 @@ import numpy as np
 from jaxtyping import Float
 
 from ...base.wide import traced
-from ...mapping import Chain
+from ...mapping import Chain, ChainLike
 from ...mapping.generalized import slots_of
 from ...markov import dense
-from ...optimize import Graph
+from ...optimize import GraphLike
 from ...optimize.validation import one_each
 
 
-def random_walk(graph: Graph, weights: Any = None) -> Chain:
+def random_walk(graph: GraphLike, weights: Any = None) -> Chain:
     """Build the chain of a patroller that takes edges with probabilities proportional to weights.
 
     The probabilities are `p_ij = w_ij / sum_j w_ij` (Alam 2018, section 4.3.1), without waiting.
@@ -44,7 +44,7 @@ def random_walk(graph: Graph, weights: Any = None) -> Chain:
     return Chain.from_scipy(matrix)
 
 
-def edge_shares(graph: Graph, chain: Chain) -> Float[np.ndarray, "edges"]:
+def edge_shares(graph: GraphLike, chain: ChainLike) -> Float[np.ndarray, "edges"]:
     """Compute the share of steps of a chain along each edge, in both directions, in the long run.
 
     **Arguments:** the graph, and a chain that moves along its edges. **Returns:** array `[edges]`;

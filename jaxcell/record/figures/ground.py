@@ -9,15 +9,15 @@ import numpy as np
 import shapely
 
 from ...base.quantities import Quantity, Result
-from ...space import Box, CellSpace
+from ...mapping.generalized import Chain
+from ...optimize.graph import Graph
+from ...space import Box, CellSpace, Workspace
 from ..canvas.palette import FREE, GOAL, PLAIN, START, robot_color
 from .colors import Drawn, color_of
 
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from ...optimize import Graph
 
 
 class Ground(NamedTuple):
@@ -29,7 +29,7 @@ class Ground(NamedTuple):
     "A function that draws a quantity on the background, with options for matplotlib."
 
 
-def of(result: Result, about: Quantity) -> Ground | None:
+def of(result: Any, about: Quantity) -> Ground | None:
     """Find the background for a quantity of a result; return `None` if there is none."""
     cells, box, graph = (getattr(result, name, None) for name in ("cells", "box", "graph"))
     if isinstance(cells, CellSpace) and about.dims[-1] == "position":
@@ -45,6 +45,40 @@ def of(result: Result, about: Quantity) -> Ground | None:
     return None
 
 
+def under(on: Any, array: np.ndarray, name: str) -> tuple[Ground, np.ndarray]:
+    """Return the background `on`, and an array `name` over its cells, shaped for this background.
+
+    An array over the cells of a room gets the axes direction and position.
+    """
+    size = array.shape[-1]
+    if isinstance(on, CellSpace) and size == on.positions:
+        return Ground(("position",), functools.partial(_room, on)), array
+    if isinstance(on, CellSpace) and size == on.size:
+        turned = array.reshape(*array.shape[:-1], on.directions, on.positions)
+        return Ground(("direction", "position"), functools.partial(_room, on)), turned
+    if isinstance(on, Box) and size == on.size:
+        return Ground(("cell",), functools.partial(_plane, on, ())), array
+    if isinstance(on, Graph) and size == on.vertices:
+        return Ground(("vertex",), functools.partial(_network, on)), array
+    raise ValueError(
+        f"on: expected a CellSpace, a Box or a Graph of {size:,} cells, as many as {name} has, got "
+        f"a {type(on).__name__}"
+    )
+
+
+def whole(thing: Any) -> Callable[["Axes", dict[str, Any]], None] | None:
+    """Return the function that draws an object which is itself a background, or `None`."""
+    if isinstance(thing, CellSpace):
+        return functools.partial(_cells, thing)
+    if isinstance(thing, Workspace):
+        return functools.partial(_walls, thing)
+    if isinstance(thing, Graph):
+        return functools.partial(_graph, thing)
+    if isinstance(thing, Chain):
+        return functools.partial(_matrix, thing)
+    return None
+
+
 def _room(cells: CellSpace, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
     """Draw the cells of a room, with its walls."""
 
@@ -54,14 +88,11 @@ def _room(cells: CellSpace, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -
         return _squares(ax, cells, squares.reshape(cells.free.shape), style | options)
 
     drawn.show(ax, draw)
-    _walls(ax, cells)
+    _walls(cells.workspace, ax, {})
 
 
 def _path(cells: CellSpace, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
-    from matplotlib.colors import ListedColormap
-
-    free = np.ma.masked_where(~cells.free, np.zeros(cells.free.shape))
-    _squares(ax, cells, free, {"cmap": ListedColormap([color_of(FREE)])})
+    _floor(cells, ax, {})
     paths = drawn.values.reshape(len(drawn.values), -1).T
     for robot, path in enumerate(paths):
         x, y, _ = cells.centre(path[path >= 0])
@@ -72,7 +103,20 @@ def _path(cells: CellSpace, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -
         ax.plot(x[-1], y[-1], "o", color=color_of(GOAL))
     if len(paths) > 1:
         ax.legend()
-    _walls(ax, cells)
+    _walls(cells.workspace, ax, {})
+
+
+def _cells(cells: CellSpace, ax: "Axes", options: dict[str, Any]) -> None:
+    _floor(cells, ax, options)
+    _walls(cells.workspace, ax, {})
+
+
+def _floor(cells: CellSpace, ax: "Axes", options: dict[str, Any]) -> None:
+    """Draw the free squares of a room."""
+    from matplotlib.colors import ListedColormap
+
+    free = np.ma.masked_where(~cells.free, np.zeros(cells.free.shape))
+    _squares(ax, cells, free, {"cmap": ListedColormap([color_of(FREE)]), **options})
 
 
 def _squares(ax: "Axes", cells: CellSpace, values: np.ndarray, style: dict[str, Any]) -> Any:
@@ -82,11 +126,11 @@ def _squares(ax: "Axes", cells: CellSpace, values: np.ndarray, style: dict[str, 
     return ax.imshow(values, origin="lower", extent=box, **{"interpolation": "nearest", **style})
 
 
-def _walls(ax: "Axes", cells: CellSpace) -> None:
-    ink = ax.spines["left"].get_edgecolor()
-    if cells.workspace is not None:
-        for ring in shapely.get_rings(shapely.get_parts(cells.workspace.environment)):
-            ax.plot(*shapely.get_coordinates(ring).T, color=ink, linewidth=1.5)
+def _walls(room: Workspace | None, ax: "Axes", options: dict[str, Any]) -> None:
+    style = {"color": ax.spines["left"].get_edgecolor(), "linewidth": 1.5, **options}
+    if room is not None:
+        for ring in shapely.get_rings(shapely.get_parts(room.environment)):
+            ax.plot(*shapely.get_coordinates(ring).T, **style)
     ax.set_aspect("equal")
     ax.set_xlabel("x (m)")
     ax.set_ylabel("y (m)")
@@ -132,17 +176,40 @@ def _sea(result: Result, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> N
     ax.set_ylabel("latitude (degrees north)")
 
 
-def _network(graph: "Graph", ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
-    """Draw the vertices and edges of a graph. Vertices without coordinates form a circle."""
-    from matplotlib.collections import LineCollection
-
-    turn = 2 * np.pi * np.arange(graph.vertices) / graph.vertices
-    xy = graph.xy
-    if xy is None:
-        xy = np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    ax.add_collection(LineCollection(list(xy[graph.edges]), colors=[color_of(PLAIN)]))
+def _network(graph: Graph, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
+    """Draw the edges of a graph, and numbers as colours of its vertices."""
+    xy = _places(graph)
     dots = {"s": 120, "zorder": 2}
     drawn.show(ax, lambda c, style: ax.scatter(*xy.T, c=c, **(dots | style | options)))
+    _edges(graph, ax, {})
+
+
+def _places(graph: Graph) -> np.ndarray:
+    """Return the positions of vertices; vertices without coordinates form a circle."""
+    if graph.xy is not None:
+        return graph.xy
+    turn = 2 * np.pi * np.arange(graph.vertices) / graph.vertices
+    return np.stack([np.cos(turn), np.sin(turn)], axis=1)
+
+
+def _graph(graph: Graph, ax: "Axes", options: dict[str, Any]) -> None:
+    _edges(graph, ax, options)
+    ax.plot(*_places(graph).T, "o", color=color_of(FREE), markeredgecolor=color_of(PLAIN))
+
+
+def _matrix(chain: Chain, ax: "Axes", options: dict[str, Any]) -> None:
+    """Draw a dot for each positive probability of a chain."""
+    ax.spy(chain.to_scipy(), **{"marker": ".", **options})
+    ax.set_xlabel("to cell")
+    ax.set_ylabel("from cell")
+
+
+def _edges(graph: Graph, ax: "Axes", options: dict[str, Any]) -> None:
+    from matplotlib.collections import LineCollection
+
+    style = {"colors": [color_of(PLAIN)], **options}
+    ax.add_collection(LineCollection(list(_places(graph)[graph.edges]), **style))
+    ax.autoscale_view()
     ax.set_aspect("equal")
     if graph.xy is not None:
         ax.set_xlabel("x (m)")

@@ -5,6 +5,7 @@ from html import escape
 
 from ...base.optional_modules import has_module
 from ...base.quantities import Result, quantities
+from ...base.shown import Pictured, Shown, field_texts
 from ..data.tables import tables
 from .plot import picture, plot
 
@@ -16,12 +17,23 @@ _INCHES = 4.2, 3.2
 _ROWS = 12
 
 
-def html(result: Result) -> str:
-    """Describe a result in HTML for a notebook; the HTML needs neither files nor a kernel.
+def html(shown: Shown) -> str:
+    """Describe an object in HTML for a notebook; the HTML needs neither files nor a kernel.
 
-    It contains the remarks, the tables that a command prints, a list of arrays, and a picture if
-    the result has an array and matplotlib is installed.
+    It contains a table of the fields and, if there is something to see and matplotlib is installed,
+    a picture. For a result it contains the remarks, the tables that a command prints, and a list of
+    arrays.
     """
+    body = _of_result(shown) if isinstance(shown, Result) else _of_fields(shown)
+    return f'<div style="{_FLOW}"><div>{body}</div>{_image(shown)}</div>'
+
+
+def _of_fields(shown: Shown) -> str:
+    fields = list(field_texts(shown).items())
+    return _table(type(shown).__name__, ("quantity", "value"), fields, rows=len(fields))
+
+
+def _of_result(result: Result) -> str:
     title = result.title or type(result).__name__
     body = [f"<p>{escape(remark)}</p>" for remark in result.remarks]
     body += [_table(*table) for table in tables(result, title)] or [_table(title)]
@@ -33,7 +45,7 @@ def html(result: Result) -> str:
     if arrays:
         listed = _table("", ("array", "meaning"), arrays, rows=len(arrays))
         body.append(f"<details><summary>{len(arrays)} arrays</summary>{listed}</details>")
-    return f'<div style="{_FLOW}"><div>{"".join(body)}</div>{_image(result)}</div>'
+    return "".join(body)
 
 
 def _table(
@@ -51,15 +63,16 @@ def _row(tag: str, texts: Iterable[str]) -> str:
     return f"<tr>{cells}</tr>"
 
 
-def _image(result: Result) -> str:
-    """Return the picture of a result as HTML; its white background suits dark notebooks too."""
-    name = picture(result)
-    if name is None or not has_module("matplotlib"):
+def _image(shown: Shown) -> str:
+    """Return the picture of an object as HTML; its white background suits dark notebooks too."""
+    if not isinstance(shown, Pictured) or not has_module("matplotlib"):
+        return ""
+    if (name := picture(shown)) is None:
         return ""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=_INCHES, layout="compressed")
-    plot(result, name, ax=figure.add_subplot())
+    plot(shown, name, ax=figure.add_subplot())
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=110, facecolor="white")
     data = base64.b64encode(buffer.getvalue()).decode()

@@ -1,9 +1,13 @@
-from typing import TYPE_CHECKING, Any
+import dataclasses
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
 from ...base.optional_modules import import_module
-from ...base.quantities import Quantity, Result, parts, quantities
+from ...base.quantities import Kind, Quantity, Result, parts, quantities
+from ...base.shown import Pictured
+from ...optimize.graph import Graph
+from ...space import Box, CellSpace
 from ..canvas.palette import robot_color
 from . import ground
 from .colors import Drawn, color_of
@@ -20,7 +24,12 @@ _PROCESSES = {"bump", "step", "time"}
 
 
 def plot(
-    result: Result, name: str | None = None, *, ax: "Axes | None" = None, **options: Any
+    result: Pictured,
+    name: str | None = None,
+    *,
+    ax: "Axes | None" = None,
+    on: CellSpace | Box | Graph | None = None,
+    **options: Any,
 ) -> "Axes":
     """Draw one quantity of a result with matplotlib.
 
@@ -30,18 +39,21 @@ def plot(
 
     **Arguments:**
 
-    - `result`: the result of a study.
+    - `result`: the result of a study, or another object with a method `plot`. By default a
+        cell space, a map or a graph is drawn whole, and a chain as its matrix.
     - `name`: the name of a quantity, as in [`jaxcell.record.dataset`][]; by default
         `result.picture` or, if that is empty, the first quantity on a map.
     - `ax`: the axes to draw in; by default the axes of a new figure.
+    - `on`: the cell space, the box or the graph whose cells the last dimension numbers, for objects
+        that do not have it, such as groups of a map.
     - `options`: the index along a dimension, such as `direction=3`; by default the last index of
         `bump`, `step` and `time`, otherwise the first. Other options are for matplotlib.
 
     **Returns:** the axes.
 
     **Raises:** `ValueError` for a quantity that the result does not have, or that is a single
-    number; `IndexError` for an index that does not exist; `ModuleNotFoundError` without matplotlib,
-    which `jaxcell[plot]` installs.
+    number, or for another number of cells `on`; `IndexError` for an index that does not exist;
+    `ModuleNotFoundError` without matplotlib, which `jaxcell[plot]` installs.
 
     The steps to the groups of a robot that bounces in a lab, as a map for one direction:
 
@@ -50,7 +62,11 @@ def plot(
         >>> record.plot(groups, "step", direction=3).get_title()
         'mappings until the cell is on its group, bounce 45, direction 3'
     """
-    pyplot = import_module("matplotlib.pyplot")
+    draw = ground.whole(result)
+    if draw and name is None:
+        ax = _new_axes() if ax is None else ax
+        draw(ax, options)
+        return ax
     name = name or picture(result)
     if name is None:
         raise ValueError(f"{type(result).__name__} has no array to draw; print shows its numbers")
@@ -61,19 +77,27 @@ def plot(
         names = ", ".join(drawable)
         raise ValueError(f"{name}: not an array of the result; expected one of {names}")
     array, dims = np.asarray(value), list(about.dims)
+    if np.iscomplexobj(array):
+        array, about = np.abs(array), dataclasses.replace(about, meaning=f"modulus of {name}")
     base = ground.of(result, about)
+    if on is not None:
+        base, array = ground.under(on, array, name)
+        dims = [*dims[:-1], *base.dims]
+        base = base._replace(dims=base.dims[-1:])
     kept = base.dims if base else tuple(dims[-2:])
     chosen = []
     for dim in [dim for dim in dims if dim not in kept or dim in options]:
         entry = options.pop(dim, -1 if dim in _PROCESSES else 0)
-        labels, _ = _coordinate(owner, dim, array.shape[dims.index(dim)])
+        size = array.shape[dims.index(dim)]
+        if not (isinstance(entry, int) and -size <= entry < size):
+            raise IndexError(f"{dim}: {entry!r} is out of range; expected 0 to {size - 1}")
+        labels, _ = _coordinate(owner, dim, size)
         label = labels[entry]
         text = f"{label:g}" if isinstance(label, float) else str(label)
         chosen += [f"{dim.replace('_', ' ')} {text}"]
         array = array.take(entry, dims.index(dim))
         dims.remove(dim)
-    if ax is None:
-        ax = pyplot.figure(layout="compressed").add_subplot()
+    ax = _new_axes() if ax is None else ax
     drawn = Drawn(about, tuple(dims), array)
     if base and tuple(dims) == base.dims:
         base.draw(ax, drawn, options)
@@ -85,19 +109,27 @@ def plot(
     return ax
 
 
-def picture(result: Result) -> str | None:
+def _new_axes() -> "Axes":
+    axes: Axes = import_module("matplotlib.pyplot").figure(layout="compressed").add_subplot()
+    return axes
+
+
+def picture(result: Pictured) -> str | None:
     """Return the name of the quantity to draw by default; `None` if the result has no array."""
     drawable = _drawable(result)
     maps = (name for name, (_, _, about) in drawable.items() if ground.of(result, about))
-    return result.picture if result.picture in drawable else next(maps, next(iter(drawable), None))
+    chosen = getattr(result, "picture", "")
+    return chosen if chosen in drawable else next(maps, next(iter(drawable), None))
 
 
-def _drawable(result: Result, prefix: str = "") -> dict[str, tuple[Result, str, Quantity]]:
+def _drawable(result: Pictured, prefix: str = "") -> dict[str, tuple[Pictured, str, Quantity]]:
     """Find the arrays of a result and of the results in its fields, keyed by their dataset names.
 
     Each value is a result, the name of an array in this result, and the array's description.
     """
-    arrays = {
+    if not isinstance(result, Result):
+        return {name: (result, name, about) for name, about in _arrays(result).items()}
+    arrays: dict[str, tuple[Pictured, str, Quantity]] = {
         prefix + name: (result, name, about)
         for name, about in quantities(type(result)).items()
         if about.dims
@@ -111,7 +143,27 @@ def _drawable(result: Result, prefix: str = "") -> dict[str, tuple[Result, str, 
     return arrays
 
 
-def _draw_curves(ax: "Axes", result: Result, drawn: Drawn, options: dict[str, Any]) -> None:
+def _arrays(shown: Pictured) -> dict[str, Quantity]:
+    """Describe the arrays of an object that is not a result by the annotations of its fields."""
+    described = {}
+    for field in dataclasses.fields(shown):  # type: ignore[arg-type]
+        value = getattr(shown, field.name)
+        names = [one for kind in (field.type, *get_args(field.type)) for one in _axes_of(kind)]
+        if names and np.ndim(value):
+            # An axis `*cells` stands for any number of axes.
+            dims = (*names[:1] * np.ndim(value), *names)[-np.ndim(value) :]
+            kind: Kind = "index" if field.name == "group" else "number"
+            meaning = field.name.replace("_", " ")
+            described[field.name] = Quantity(dims, meaning, None, kind, False, {})
+    return described
+
+
+def _axes_of(annotation: Any) -> list[str]:
+    """Return the names of the axes in an annotation of an array; empty for other annotations."""
+    return [name.lstrip("*#") for name in getattr(annotation, "dim_str", "").split()]
+
+
+def _draw_curves(ax: "Axes", result: Pictured, drawn: Drawn, options: dict[str, Any]) -> None:
     """Draw an array as a curve or bars, or an array of two dimensions as several lines."""
     rows, dim = np.atleast_2d(drawn.values), drawn.dims[-1]
     dims = drawn.dims
@@ -120,11 +172,14 @@ def _draw_curves(ax: "Axes", result: Result, drawn: Drawn, options: dict[str, An
     x, label = _coordinate(result, dim, rows.shape[1])
     words = isinstance(x[0], str) if x else False
     process = len(x) > _BARS or dim in _PROCESSES or (not words and np.ptp(x) != len(x) - 1)
+    # Numbers of cells and groups have no values between them.
+    labels = not isinstance(result, Result) and rows.dtype.kind != "f"
+    dots = {"marker": ".", "linestyle": "none"} if labels else {}
     for number, row in enumerate(rows):
         color = options.get("color", color_of(robot_color(number)[1]))
         style = {"color": color, "label": f"{dims[0]} {number}", **options}
         if process or len(rows) > 1:
-            ax.plot(x, row, **style)
+            ax.plot(x, row, **(dots | style))
         else:
             ax.bar(x, row, **style)
     if len(rows) > 1:
@@ -133,7 +188,7 @@ def _draw_curves(ax: "Axes", result: Result, drawn: Drawn, options: dict[str, An
     ax.set_ylabel(drawn.label)
 
 
-def _coordinate(result: Result, dim: str, size: int) -> tuple[list[Any], str]:
+def _coordinate(result: Pictured, dim: str, size: int) -> tuple[list[Any], str]:
     """Return the labels of a dimension, such as angles in degrees, and their meaning."""
     described = quantities(type(result)).items()
     labels = [(name, a) for name, a in described if a.dims == (dim,) and a.kind == "coordinate"]

@@ -10,6 +10,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from ...base.shown import Shown
 from .packets import layout, members, requested_values
 
 
@@ -176,7 +177,7 @@ class StreamParser:
 
 
 @dataclass(frozen=True)
-class Command:
+class Command(Shown):
     """A command as the robot receives it."""
 
     opcode: int

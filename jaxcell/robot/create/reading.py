@@ -5,6 +5,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from ...base.shown import Shown
 from .packets import (
     METRES_PER_COUNT,
     WHEEL_BASE,
@@ -28,7 +29,7 @@ _PLAY = 4
 
 
 @dataclass(frozen=True)
-class Reading:
+class Reading(Shown):
     """The content of one frame of the stream, with distances in metres."""
 
     time: float

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from ...base.documents import Fields, checked_number
 from ...base.paths import digest, replacing
 from ...base.results import current_run
+from ...base.shown import Shown
 from ..walker import cell_strides
 
 
@@ -21,7 +22,7 @@ _MAX_DIRECTIONS = 1_000_000
 
 
 @dataclasses.dataclass(frozen=True)
-class Task:
+class Task(Shown):
     """The base class of the tasks that robots read from files."""
 
     kind: ClassVar[str]

@@ -12,7 +12,7 @@ from ... import drift, record, space
 from ...base import memory
 from ..parameters import AtLeastOne, Days, Duration, Length, Limit, Metres, Only, Share
 from ..study import Say, about, numbers, silent
-from .sea_study import SeaStudy
+from .sea_study import SeaStudy, Source
 
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class Drift(SeaStudy):
         ),
     }
 
-    file: tyro.conf.Positional[tuple[Path, ...]]
+    file: tyro.conf.Positional[Source]
     """Currents: NetCDF files (one per period, or one for u and one for v), a pattern such as
     "2016_*.nc", a Zarr store, an OPeNDAP address, or the bundled @gyres."""
     grid: Path | None = None
@@ -146,7 +146,7 @@ class Drift(SeaStudy):
         options = {name: getattr(self, name) for name in names}
         options |= {"depths": self.depths or None, "mean": self.current == "steady"}
         # A dataset of the program cannot be a key of the cache.
-        read = _currents if isinstance(self.file, tuple) else _currents.__wrapped__
+        read: Any = _currents if isinstance(self.file, tuple) else _currents.__wrapped__
         return read(self.file, tuple(options.items()))
 
     def memory(self, written: bool = False) -> float | int:

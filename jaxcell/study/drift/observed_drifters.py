@@ -1,5 +1,4 @@
 import dataclasses
-from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
 import tyro
@@ -8,7 +7,7 @@ from ... import drift, space
 from ...base import memory
 from ..parameters import AtLeastOne, Days, Degrees, Limit, WholeNumber
 from ..study import Say, about, silent
-from .sea_study import SeaStudy
+from .sea_study import Files, SeaStudy
 
 
 _DAY = 86_400.0
@@ -25,7 +24,7 @@ class Drifters(SeaStudy):
     example: ClassVar[str] = "@drifters --nearly-closed 2 --out runs/drifters"
     task: ClassVar[str] = "drifters"
 
-    file: tyro.conf.Positional[tuple[Path, ...]]
+    file: tyro.conf.Positional[Files]
     """Trajectories: files (or a pattern of their names) of the Global Drifter Program, OpenDrift,
     Parcels or the CF convention, a Zarr store, an OPeNDAP address, or the bundled @drifters."""
     lag: Annotated[Days, Limit(gt=0)] = 5.0

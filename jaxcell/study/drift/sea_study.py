@@ -1,7 +1,7 @@
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import tyro
 
@@ -9,11 +9,22 @@ from ... import verify as verification
 from ..study import Study
 
 
+if TYPE_CHECKING:
+    import os
+
+    import xarray
+
+    Files: TypeAlias = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
+    Source: TypeAlias = Files | xarray.Dataset
+else:
+    Files = Source = tuple[Path, ...]
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SeaStudy(Study):
     """Base class of studies that read currents, or trajectories of drifters, from files."""
 
-    file: tyro.conf.Positional[tuple[Path, ...]]
+    file: tyro.conf.Positional[Source]
     """Files of currents or of trajectories."""
 
     def spec(self, result: Any) -> dict[str, Any]:

@@ -14,7 +14,13 @@ from ..study import Say, Study, silent
 
 
 if TYPE_CHECKING:
+    import os
+
     import numpy as np
+
+    GraphFile: TypeAlias = str | os.PathLike[str] | optimize.GraphLike
+else:
+    GraphFile = Path | Any
 
 
 _Positive: TypeAlias = Annotated[float, Limit(gt=0)]
@@ -47,7 +53,7 @@ class PatrolGraph(Study):
         "team": ("division", "base", "charger", "every", "baselines"),
     }
 
-    file: tyro.conf.Positional[Annotated[Path | Any, tyro.conf.arg(constructor=Path)]]
+    file: tyro.conf.Positional[Annotated[GraphFile, tyro.conf.arg(constructor=Path)]]
     """Graph: a name such as @eight, or a file: node-link .json, .graphml, .gml, .adjlist, .graph of
     patrolling_sim, or a list of vertices and edges in .edges or .txt. If vertices have no
     positions, all edges have the same length."""

@@ -5,7 +5,7 @@ import scipy.optimize
 import scipy.sparse
 from jaxtyping import Float, Int
 
-from ....optimize import Graph
+from ....optimize import GraphLike
 from ..arrival import whole_numbers
 from .pursuit import Pursuit
 
@@ -22,7 +22,7 @@ _PROMISES, _WORK = 1500, 240_000
 
 
 def capture_bound(
-    graph: Graph,
+    graph: GraphLike,
     attack_time: Any,
     *,
     travel_times: Any = None,

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from ....base.precision import require_x64
 from ....base.process import one_blas_thread
-from ....optimize import Graph, shortest_tour
+from ....optimize import Graph, GraphLike, shortest_tour
 from ...team.charging import Charged, charged, in_time_for_charge
 from ..steps import ChargedSteps, Steps
 from ..walk import random_walk
@@ -27,7 +27,7 @@ _MAX_PRODUCTS, _QUICK = 10_000_000, 1_000_000
 
 @one_blas_thread()
 def charged_capture(
-    graph: Graph,
+    graph: GraphLike,
     matrices: Float[np.ndarray, "robots vertices vertices"],
     charger: int,
     every: int,

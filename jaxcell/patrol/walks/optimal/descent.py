@@ -13,6 +13,7 @@ from jaxtyping import Array, Float, Int
 from ....base.certificate import Certificate, Numbers, Real
 from ....base.precision import require_x64
 from ....base.process import one_blas_thread
+from ....base.shown import Shown
 from ....mapping import Chain
 from ....optimize.validation import check_count
 from .polytope import ChainPolytope
@@ -31,7 +32,7 @@ Measure = Callable[..., Float[Array, ""]]
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
-class OptimizedWalk:
+class OptimizedWalk(Shown):
     """A chain of a patroller that minimises or maximises a quantity, such as its entropy rate."""
 
     matrix: Float[Numbers, "vertices vertices"]

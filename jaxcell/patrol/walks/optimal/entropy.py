@@ -13,7 +13,7 @@ from ....base.precision import require_x64
 from ....base.wide import traced
 from ....mapping.traced import first_derivative_only, implicit, like, on_host
 from ....markov import dense
-from ....optimize import Graph
+from ....optimize import Graph, GraphLike
 from ....optimize.validation import check_count
 from .descent import OptimizedWalk, minimize
 from .polytope import ChainPolytope
@@ -27,7 +27,7 @@ _TAIL = 0.1
 
 
 def maximum_entropy_rate(
-    graph: Graph, stationary: Any = None, *, stay: bool = False, throw: bool = True
+    graph: GraphLike, stationary: Any = None, *, stay: bool = False, throw: bool = True
 ) -> OptimizedWalk:
     """Find the chain with the largest entropy rate, whose next step is hardest to predict.
 
@@ -107,7 +107,7 @@ def _scaled_change(now: Any, stationary: Float[Array, "vertices"]) -> Any:
 
 
 def maximum_return_time_entropy(
-    graph: Graph,
+    graph: GraphLike,
     stationary: Any = None,
     *,
     stay: bool = False,

@@ -3,13 +3,13 @@ from typing import Any
 from jaxtyping import Array, Float
 
 from ....markov import dense
-from ....optimize import Graph
+from ....optimize import GraphLike
 from .descent import OptimizedWalk, minimize
 from .polytope import ChainPolytope
 
 
 def minimum_kemeny(
-    graph: Graph,
+    graph: GraphLike,
     stationary: Any = None,
     *,
     stay: bool = False,

@@ -12,8 +12,9 @@ from jaxtyping import Array, Float, Int
 from ....base.certificate import Certificate
 from ....base.precision import require_x64
 from ....base.process import one_blas_thread
+from ....base.shown import Shown
 from ....mapping import Chain
-from ....optimize import Graph
+from ....optimize import Graph, GraphLike
 from ....optimize.validation import check_count
 from ...team.division import part_of_graph, walk_in_part
 from ..arrival import (
@@ -60,7 +61,7 @@ _Matrices: TypeAlias = Float[np.ndarray, "robots states states"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class MaximinCapture:
+class MaximinCapture(Shown):
     """Chains of robots, and the least probability that they capture an adversary."""
 
     matrices: _Matrices
@@ -78,7 +79,7 @@ class MaximinCapture:
 
 
 def maximin_capture(
-    graph: Graph,
+    graph: GraphLike,
     attack_time: Any,
     *,
     travel_times: Any = None,
