@@ -92,7 +92,7 @@ def test_no_module_hides_a_public_name_from_the_reference(package):
     folder = Path(importlib.import_module(f"jaxcell.{package}").__file__).parent
     modules = {path.stem for path in folder.iterdir()}
     functions = {name for name, value in public(package).items() if not inspect.ismodule(value)}
-    assert not modules & functions
+    assert not modules & functions, "a file named as a function hides it: name it by its subject"
 
 
 @pytest.mark.parametrize("package", PACKAGES)

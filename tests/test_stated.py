@@ -60,10 +60,12 @@ def test_a_change_runs_what_contributing_says():
 
 
 @pytest.mark.parametrize("option", ["--version", "-V"])
-def test_the_version_is_that_of_the_changelog(capsys, option):
+def test_the_version_is_that_of_the_changelog_and_the_citation(capsys, option):
     changelog = (PAGES / "changelog.md").read_text(encoding="utf-8")
     number, state = re.search(r"^## (\S+), (.*)$", changelog, re.MULTILINE).groups()
     assert __version__ == (f"{number}.dev0" if state == "not released yet" else number)
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.findall("^version: (.*)$", citation, re.MULTILINE) == [__version__]
     assert main([option]) == 0
     assert capsys.readouterr().out == f"jaxcell {__version__}\n"
 

@@ -1,4 +1,4 @@
-"""Make the figure of cells and their images for the page on concepts, `maps.png`.
+"""Make the figures of README, `localized.png`, and of the page on concepts, `maps.png`.
 
 python data/pictures/make_figures.py [FOLDER]
 """
@@ -26,11 +26,43 @@ BOUNCE, ERROR, RELIABILITY = 135, 45, 0.8
 # The number of the direction whose cells are drawn.
 DIRECTION = 1
 STEP, BUMP, OTHER = "#0072b2", "#d55e00", "#bbbbbb"
+# The cell where the robot of README starts, and the observations after which it is drawn.
+START, AFTER = 129, (0, 2, 7, 11)
 
 
 def main(folder: Path) -> None:
-    """Write the figure."""
+    """Write the figures."""
     cells = space.CellSpace.load(bundled("lab_a"))
+    draw_localized(cells).savefig(folder / "localized.png", dpi=100)
+    draw_maps(cells).savefig(folder / "maps.png", dpi=100)
+    for name in ("localized.png", "maps.png"):
+        # A palette without transparency needs a third of the bytes.
+        Image.open(folder / name).convert("RGB").quantize(64).save(folder / name)
+
+
+def draw_localized(cells: space.CellSpace) -> plt.Figure:
+    """Draw a robot, and the cells where it can be, after some of its observations."""
+    simple = bounce.bounce_map(cells, math.radians(BOUNCE))
+    image, bumped = np.asarray(simple.image), np.asarray(simple.bumped)
+    figure, axes = plt.subplots(2, 2, figsize=(8, 4.8), layout="constrained")
+    robot, possible, seen = START, np.arange(cells.size), 0
+    for ax, after in zip(axes.flat, AFTER, strict=True):
+        for _ in range(after - seen):
+            possible = np.unique(image[possible[bumped[possible] == bumped[robot]]])
+            robot = image[robot]
+        seen = after
+        draw_room(ax, cells)
+        ax.set(xlabel="", ylabel="")
+        ax.set_title(f"cells possible after {after} observations: {possible.size}")
+        for cell in possible:
+            x, y, _ = cells.centre(int(cell))
+            ray(ax, x, y, cell // cells.positions, cells, STEP, width=2)
+        ax.plot(*cells.centre(int(robot))[:2], "o", color=BUMP, markersize=7)
+    return figure
+
+
+def draw_maps(cells: space.CellSpace) -> plt.Figure:
+    """Draw cells, their images, and their images if turns are imprecise."""
     angle = math.radians(BOUNCE)
     simple = bounce.bounce_map(cells, angle)
     chain = bounce.noisy_bounce_map(cells, angle, math.radians(ERROR), RELIABILITY)
@@ -54,9 +86,7 @@ def main(folder: Path) -> None:
         many = zip(chain.image[:, cell].tolist(), chain.probability[:, cell].tolist(), strict=True)
         images = {image: probability for image, probability in many if probability > 0}
         draw_images(axes[2], cells, cell, images, bool(simple.bumped[cell]))
-    figure.savefig(folder / "maps.png", dpi=100)
-    # A palette without transparency needs a third of the bytes.
-    Image.open(folder / "maps.png").convert("RGB").quantize(64).save(folder / "maps.png")
+    return figure
 
 
 def draw_room(ax: plt.Axes, cells: space.CellSpace) -> None:

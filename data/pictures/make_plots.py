@@ -1,9 +1,8 @@
-"""Make the plots of README and of a page, and the sheet of plots of the gallery, `plots.png`.
+"""Make the plot of the page on recurrent sets, and the sheet of plots of the gallery, `plots.png`.
 
 python data/pictures/make_plots.py [FOLDER] [STYLE]
 """
 
-import math
 import sys
 from pathlib import Path
 
@@ -17,7 +16,7 @@ matplotlib.use("Agg")
 
 import matplotlib.pyplot as plt  # noqa: E402
 
-from jaxcell import bounce, space, study  # noqa: E402
+from jaxcell import study  # noqa: E402
 
 
 PLAN = {"start": "0.5,1.5,0", "goal": "15.5,12.5,90"}
@@ -51,14 +50,6 @@ def main(folder: Path, style: str) -> None:
             question.run().plot(name, ax=ax, **options)
             ax.set_title(f"{question.name}\n{ax.get_title()}", fontsize=10)
         figure.savefig(folder / "plots.png", dpi=70)
-    room = space.Workspace(
-        [(0, 0), (8, 0), (8, 4), (0, 4)],
-        [[(1, 1), (3, 1), (3, 2), (1, 2)], [(5, 0), (6, 0), (6, 3), (5, 3)]],
-    )
-    groups = bounce.BounceGroups.of(space.CellSpace.of(room, 0.5, 8), math.radians(45))
-    groups.plot("step", direction=1).figure.savefig(
-        folder / "plot.png", dpi=80, bbox_inches="tight"
-    )
     sets = study.Morse(system="pendulum", depth=4).run()
     sets.plot().figure.savefig(folder / "morse.png", dpi=80, bbox_inches="tight")
     Image.open(folder / "plots.png").convert("RGB").quantize(128).save(folder / "plots.png")

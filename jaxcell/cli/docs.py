@@ -1,5 +1,4 @@
 import dataclasses
-import importlib.metadata
 import webbrowser
 from pathlib import Path
 from typing import ClassVar
@@ -8,29 +7,24 @@ from ..base.process import has_display
 from .terminal import say
 
 
-BUILT = Path(__file__).parents[2] / "docs" / "site" / "index.html"
-"""The first page of the documentation that `make docs` builds in a checkout."""
+PACKAGE = Path(__file__).parents[1]
+BUILT = (PACKAGE.parent / "docs" / "site" / "index.html", PACKAGE / "data" / "pages" / "index.html")
+"""The first page of the site that `make docs` builds, and of the pages of a package."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Docs:
-    """Open the documentation in a browser: the pages that `make docs` built, or the website."""
+    """Open the documentation in a browser: the site of `make docs`, or the pages of the package."""
 
     example: ClassVar[str] = ""
 
     def run(self) -> int:
-        address = _address()
-        say(address)
+        page = next((page for page in BUILT if page.exists()), None)
+        if page is None:
+            raise FileNotFoundError(
+                "there is no documentation; in a checkout `make docs` builds it"
+            )
+        say(page.as_uri())
         if has_display():
-            webbrowser.open(address)
+            webbrowser.open(page.as_uri())
         return 0
-
-
-def _address() -> str:
-    if BUILT.exists():
-        return BUILT.as_uri()
-    named = importlib.metadata.metadata("jaxcell").get_all("Project-URL") or []
-    urls = dict(url.split(", ", 1) for url in named)
-    if "Documentation" not in urls:
-        raise FileNotFoundError("there is no documentation; in a checkout `make docs` builds it")
-    return urls["Documentation"]

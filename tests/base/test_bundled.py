@@ -1,4 +1,5 @@
 import os
+import re
 import zipfile
 from pathlib import Path
 
@@ -57,10 +58,16 @@ def test_specifications_of_sweeps_name_bundled_data():
     assert spec.find_file("@lab_x") is None
 
 
-def test_a_wheel_has_them(tmp_path):
+def test_a_wheel_has_them_and_the_pages(tmp_path):
     python("-m", "hatchling", "build", "-t", "wheel", "-d", tmp_path, cwd=ROOT)
     (wheel,) = tmp_path.glob("*.whl")
     zipfile.ZipFile(wheel).extractall(tmp_path / "site")
+    pages = tmp_path / "site" / "jaxcell" / "data" / "pages"
+    for page in pages.rglob("*.html"):
+        for link in re.findall(r'(?:href|src)="(?!\w+:|#)([^"#]+)', page.read_text("utf-8")):
+            assert (page.parent / link).exists(), f"{page}: {link}"
+    (about,) = (tmp_path / "site").glob("*/METADATA")
+    assert not re.search(r"\]\((?!\w+:|#)", about.read_text("utf-8")), "links relative to nothing"
     code = (
         "import jaxcell, sys\n"
         "from jaxcell.base.bundled import bundled_names\n"
@@ -74,3 +81,5 @@ def test_a_wheel_has_them(tmp_path):
     environment = {**os.environ, "PYTHONPATH": site}
     printed, _ = python("-c", code, site, cwd=elsewhere, env=environment)
     assert '"map": "@lab_a"' in printed
+    printed, _ = python("-m", "jaxcell", "docs", cwd=elsewhere, env=environment)
+    assert printed.split() == [(pages / "index.html").as_uri()]

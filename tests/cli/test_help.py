@@ -9,6 +9,7 @@ from helpers import python
 from jaxcell.cli import main
 from jaxcell.cli.app import COMMANDS, read
 from jaxcell.cli.help import example
+from jaxcell.space.motion import RULES
 from jaxcell.study.parameters import conditions, parameters
 
 
@@ -158,7 +159,7 @@ complete -p jaxcell
         ("jaxcell sweep --re", {"--resume"}),
         ("jaxcell sweep status --js", {"--json"}),
         ("jaxcell localize @lab_a --bou", {"--bounce"}),
-        ("jaxcell localize @lab_a --collision ", {"swept", "endpoint"}),
+        ("jaxcell localize @lab_a --collision ", set(RULES)),
         ("jaxcell groups @lab_a --out my", {"my_map.json"}),
         # Bash proposes files itself.
         ("jaxcell localize my", set()),
