@@ -1,8 +1,8 @@
 """The vocabulary of the errors of robots, which all studies share: `run=2% turn=1deg`."""
 
 import math
-from collections.abc import Sequence
-from typing import Annotated, TypeAlias
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import tyro
 
@@ -11,9 +11,10 @@ from .parameters import Limit
 from .study import about
 
 
-ErrorTexts: TypeAlias = Annotated[
-    tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE [NAME=VALUE ...]")
-]
+if TYPE_CHECKING:
+    ErrorTexts: TypeAlias = str | Sequence[str] | Mapping[str, float | str]
+else:
+    ErrorTexts = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE [NAME=VALUE ...]")]
 _UNITS = {
     "bump_skid": "m",
     "bump_turn": "deg",
@@ -27,14 +28,14 @@ _UNITS = {
 }
 
 
-def read_errors(texts: Sequence[str], known: Sequence[str], needed: str = "") -> dict[str, float]:
+def read_errors(texts: ErrorTexts, known: Sequence[str], needed: str = "") -> dict[str, float]:
     """Parse errors `NAME=VALUE`. Returns lengths in metres, shares from 0 to 1, angles in radians.
 
     **Raises:** `ValueError` for a name that is not `known`, for a value that is not a number with a
     suitable unit, or without an error with the name `needed`.
     """
     errors = {}
-    for text in texts:
+    for text in (texts,) if isinstance(texts, str) else texts:
         name, _, value = text.partition("=")
         parameter = f"errors {text!r}"
         if name not in known:

@@ -1,10 +1,11 @@
 import contextlib
 import dataclasses
+import difflib
 import functools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias
 
 from .. import verify as verification
 from ..base.bundled import with_path
@@ -44,7 +45,8 @@ class Study:
     ([`Limit`][jaxcell.study.Limit]) and the parameters that it depends on
     ([`Only`][jaxcell.study.Only], [`Needed`][jaxcell.study.Needed]). A subclass makes other checks
     in `__post_init__`, with `ValueError`s that begin with the name of a parameter. A parameter with
-    several values, such as `tuple[float, ...]`, also accepts a single value.
+    several values, such as `tuple[float, ...]`, also accepts a single value, and one with texts
+    `NAME=VALUE`, such as `errors`, a mapping.
     """
 
     name: ClassVar[str] = "result"
@@ -67,6 +69,15 @@ class Study:
         super().__init_subclass__()
         widened(cls)
 
+    def __new__(cls, *_: Any, **given: Any) -> Self:
+        known = [field.name for field in dataclasses.fields(cls)]
+        for name in given:
+            if name not in known:
+                near = difflib.get_close_matches(name, known, 1)
+                meant = f"did you mean {near[0]}?" if near else f"it has {', '.join(known)}"
+                raise TypeError(f"{name}: {cls.__name__} has no such parameter; {meant}")
+        return super().__new__(cls)
+
     def __post_init__(self) -> None:
         kind: Any = type(self)
         for name, kinds in _kinds(kind).items():
@@ -75,6 +86,8 @@ class Study:
                 value = Path(with_path(str(value)))
             if Ellipsis in kinds and isinstance(value, str | Path | float | int):
                 value = (value,)
+            if Ellipsis in kinds and isinstance(value, Mapping):
+                value = tuple(f"{part}={number}" for part, number in value.items())
             object.__setattr__(self, name, value)
         check(self)
 
