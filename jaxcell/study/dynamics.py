@@ -24,7 +24,7 @@ _MAX_AT_ONCE = 1 << 25
 class SystemStudy(Study):
     """Base class of studies of a dynamical system in a box that is divided into cells."""
 
-    system: tyro.conf.Positional[str]
+    system: tyro.conf.Positional[str] = dataclasses.field(kw_only=False)
     """FILE.py:NAME of a jaxcell.dynamics.System, or one of duffing, pendulum, henon, magnetic,
     lorenz84 and thomas."""
     params: tuple[str, ...] = ()

@@ -33,7 +33,9 @@ class CellStudy(Study):
 
     headings: ClassVar[Mapping[str, tuple[str, ...]]] = {"map": ("cell", "unknown")}
 
-    map: tyro.conf.Positional[Annotated[RoomLike, tyro.conf.arg(constructor=Path)]]
+    map: tyro.conf.Positional[Annotated[RoomLike, tyro.conf.arg(constructor=Path)]] = (
+        dataclasses.field(kw_only=False)
+    )
     """Map: jaxcell .json, ROS map_server .yaml, ASCII grid .txt, or a name such as @lab_a."""
     cell: Length | None = None
     """Side of a cell in metres; by default the side that the map suggests, or a round length for

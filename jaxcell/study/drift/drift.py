@@ -47,7 +47,7 @@ class Drift(SeaStudy):
         ),
     }
 
-    file: tyro.conf.Positional[Source]
+    file: tyro.conf.Positional[Source] = dataclasses.field(kw_only=False)
     """Currents: NetCDF files (one per period, or one for u and one for v), a pattern such as
     "2016_*.nc", a Zarr store, an OPeNDAP address, or the bundled @gyres."""
     grid: Path | None = None

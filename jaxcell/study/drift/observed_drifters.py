@@ -24,7 +24,7 @@ class Drifters(SeaStudy):
     example: ClassVar[str] = "@drifters --nearly-closed 2 --out runs/drifters"
     task: ClassVar[str] = "drifters"
 
-    file: tyro.conf.Positional[Files]
+    file: tyro.conf.Positional[Files] = dataclasses.field(kw_only=False)
     """Trajectories: files (or a pattern of their names) of the Global Drifter Program, OpenDrift,
     Parcels or the CF convention, a Zarr store, an OPeNDAP address, or the bundled @drifters."""
     lag: Annotated[Days, Limit(gt=0)] = 5.0

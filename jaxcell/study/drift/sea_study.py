@@ -24,7 +24,7 @@ else:
 class SeaStudy(Study):
     """Base class of studies that read currents, or trajectories of drifters, from files."""
 
-    file: tyro.conf.Positional[Source]
+    file: tyro.conf.Positional[Source] = dataclasses.field(kw_only=False)
     """Files of currents or of trajectories."""
 
     def spec(self, result: Any) -> dict[str, Any]:

@@ -53,7 +53,9 @@ class PatrolGraph(Study):
         "team": ("division", "base", "charger", "every", "baselines"),
     }
 
-    file: tyro.conf.Positional[Annotated[GraphFile, tyro.conf.arg(constructor=Path)]]
+    file: tyro.conf.Positional[Annotated[GraphFile, tyro.conf.arg(constructor=Path)]] = (
+        dataclasses.field(kw_only=False)
+    )
     """Graph: a name such as @eight, or a file: node-link .json, .graphml, .gml, .adjlist, .graph of
     patrolling_sim, or a list of vertices and edges in .edges or .txt. If vertices have no
     positions, all edges have the same length."""
