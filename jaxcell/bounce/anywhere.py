@@ -47,6 +47,15 @@ class Anywhere(Result):
         return self.lost_share == 0
 
     @property
+    def answer(self) -> tuple[str, ...]:
+        share, bumps = self.localized_share, self.median_bumps
+        when = f", in the median after {bumps:g} bumps" if np.isfinite(bumps) else ""
+        return (
+            f"{100 * share:.3g} % of {self.robots:,} robots know where they are, to "
+            f"{self.radius:.3g} m{when}; {100 * self.lost_share:.3g} % are lost.",
+        )
+
+    @property
     def remarks(self) -> tuple[str, ...]:
         lost = int((~self.trial.held).any(axis=1).sum())
         remarks = [f"{lost:,} of {self.robots:,} robots are lost: they left their sets."] * bool(
@@ -229,6 +238,13 @@ class HomeFromAnywhere(Anywhere):
     @property
     def answered(self) -> bool:
         return super().answered and bool(np.isfinite(self.bumps_until_home).any())
+
+    @property
+    def answer(self) -> tuple[str, ...]:
+        bumps = self.median_bumps_until_home
+        when = f", in the median after {bumps:g} bumps" if np.isfinite(bumps) else ""
+        home = f"{100 * self.arrived_share:.3g} % of the robots are at the goal and know it{when}."
+        return home, *super().answer
 
     @derived("", "robots that come to the goal and know it", kind="share")
     def arrived_share(self) -> float:

@@ -22,6 +22,8 @@ from .wall_tables import Walls, walls
 
 _Numbers: TypeAlias = Int[np.ndarray, "angles"]
 _PADDING = "-1: no such group"
+# Angles with a sentence of their own.
+_ANSWERS = 3
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -85,6 +87,21 @@ class BounceGroups(Result):
         """
         steps = Steps.of(self.cells, self.motion)
         return _by_angle(self.cells, steps, bounce_shift(self.bounce, self.cells.directions))
+
+    @property
+    def answer(self) -> tuple[str, ...]:
+        lines = [
+            f"At {angle:g}° all {self.cells.size:,} cells lead to {count:,} "
+            f"periodic group{'s' * (count > 1)}, after at most {transient:,} mappings; the longest "
+            f"period is {period:,}."
+            for angle, count, transient, period in zip(
+                np.rad2deg(self.bounce).round(9).tolist(),
+                *(x.tolist() for x in (self.count, self.longest_transient, self.longest_period)),
+                strict=True,
+            )
+        ]
+        rest = f"The table has {len(lines) - _ANSWERS:,} more angles."
+        return tuple(lines) if len(lines) <= _ANSWERS else (*lines[:_ANSWERS], rest)
 
     @derived("bounce", "bouncing angle", "degree", kind="coordinate")
     def bounce_deg(self) -> Float[np.ndarray, "angles"]:

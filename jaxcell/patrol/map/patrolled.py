@@ -135,6 +135,15 @@ class PatrolledMap(Result):
             return True
         return float(self.size_capture[-1]) >= self.wanted
 
+    @property
+    def answer(self) -> tuple[str, ...]:
+        stay, cell = self.steps_of_attack, self.least_captured
+        x, y, _ = self.cells.centre(cell)
+        return (
+            f"An intruder who stays {stay:,} steps is caught with a probability of at least "
+            f"{100 * self.least_capture:.3g} %; it is least at {x:g} m, {y:g} m.",
+        )
+
     @derived("", "probability that an intruder is caught, at least", "1", kind="share")
     def least_capture(self) -> float:
         return float(self.captures.least[0])

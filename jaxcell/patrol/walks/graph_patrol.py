@@ -317,6 +317,23 @@ class GraphPatrol(Measures):
         walks = self.walks_with_memory
         return self.captured if walks is None else walks.captured
 
+    @property
+    def answer(self) -> tuple[str, ...]:
+        lines = []
+        if (least := self.least_capture) is not None:
+            blind = self.least_blind_capture
+            unseen = "" if blind is None else f" ({100 * blind:.3g} % if the adversary is blind)"
+            lines.append(
+                f"An attack is stopped with a probability of at least {100 * least:.3g} %{unseen}; "
+                f"it is least at vertex {self.least_captured}."
+            )
+        idle, unit = self.worst_idleness, "steps"
+        if self.timed is not None:
+            idle, unit = self.timed.worst_idleness, "s"
+        if idle is not None:
+            lines.append(f"Every vertex is visited at least every {idle:.3g} {unit} in the mean.")
+        return tuple(lines)
+
     @derived("", "mean steps until the first patroller is at a vertex", "steps", kind="time")
     def mean_first_arrival(self) -> float | None:
         return None if self.first_arrival is None else float(self.first_arrival.mean())
