@@ -51,13 +51,14 @@ class Rooms(Study):
     seed: WholeNumber = 0
     """Seed of the rooms."""
 
-    def free(self) -> Any:
-        """Return a mask of the free squares of the room."""
+    def free(self, room: int | None = None) -> Any:
+        """Return a mask of the free squares of the room, or of another room."""
         from ...space.maps.random_rooms import place, random_room
 
+        number = self.room if room is None else room
         if self.environment == "random":
-            return random_room(self.seed, self.room, self.columns, self.rows, self.obstacles)
-        return place(self.seed, self.environment, self.room).free
+            return random_room(self.seed, number, self.columns, self.rows, self.obstacles)
+        return place(self.seed, self.environment, number).free
 
     def run(self, say: Say = silent) -> "bouncing.RoomGroups":
         return bouncing.RoomGroups.of_room(
@@ -87,7 +88,7 @@ class Rooms(Study):
         for rows in np.split(by_room, first[1:]):
             number, at_room = np.unique(room[rows], return_inverse=True)
             angle, at_angle = np.unique(bounce[rows], return_inverse=True)
-            rooms = [dataclasses.replace(self, room=one).free() for one in number.tolist()]
+            rooms = [self.free(one) for one in number.tolist()]
             numbers = bouncing.RoomGroups.numbers(
                 np.stack(rooms),
                 np.radians(angle),
