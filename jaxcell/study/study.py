@@ -5,7 +5,7 @@ import functools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, TypeVar
 
 from .. import verify as verification
 from ..base.bundled import with_path
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 
+Own = TypeVar("Own", bound="Study")
 Say: TypeAlias = Callable[..., None]
 """A function that reports work and its progress, such as `say("mapping", 3, 10)` for 3 of 10."""
 
@@ -69,7 +70,7 @@ class Study:
         super().__init_subclass__()
         widened(cls)
 
-    def __new__(cls, *_: Any, **given: Any) -> Self:
+    def __new__(cls: type[Own], *_: Any, **given: Any) -> Own:
         known = [field.name for field in dataclasses.fields(cls)]
         for name in given:
             if name not in known:
