@@ -142,11 +142,15 @@ def noting_warnings(command: type) -> Iterator[list[str]]:
 
 
 def show(result: Result, heading: str) -> None:
-    """Print the answer of a result, and its tables under a heading."""
+    """Print the answer of a result, and its tables under a heading.
+
+    A terminal would break sentences within words, other programs read a sentence per line.
+    """
     from ..record.data.tables import tables
 
+    console = Console()
     for line in result.answer:
-        say(_wrapped(line, Console().width))
+        say(_wrapped(line, console.width) if console.is_terminal else line)
     for each in tables(result, heading):
         table(*each)
     if result.brief:

@@ -130,9 +130,10 @@ def test_indices_are_told_from_counts():
     ],
 )
 def test_tables_of_commands_are_whole(line, width, monkeypatch, capsys):
-    monkeypatch.setenv("COLUMNS", str(width))
+    for name, value in {"COLUMNS": str(width), "FORCE_COLOR": "1", "TERM": "xterm"}.items():
+        monkeypatch.setenv(name, value)
     assert main(line.split()) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = re.sub(r"\x1b\[[\d;]*m", "", capsys.readouterr().out).splitlines()
     assert max(map(len, lines)) <= width
     right = {"┏": "┓", "┃": "┃", "┡": "┩", "│": "│", "├": "┤", "└": "┘"}
     rows = [line for line in lines if line[:1] in right]

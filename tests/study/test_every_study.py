@@ -27,9 +27,10 @@ from jaxcell.base.formatting import format_value
 from jaxcell.base.quantities import columns, is_single, parts, summarized, values
 from jaxcell.cli import main
 from jaxcell.cli.app import COMMANDS
-from jaxcell.cli.help import as_options, option, parsed
+from jaxcell.cli.help import as_options, option
 from jaxcell.cli.study_command import command_of
 from jaxcell.cli.terminal import show
+from jaxcell.cli.words import parsed
 from jaxcell.record import dataset, summary
 from jaxcell.record.figures.plot import picture
 from jaxcell.study import STUDIES, Limit, Only, Study
