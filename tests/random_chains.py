@@ -1,6 +1,4 @@
-"""Small chains for tests, random and known, and solves in rational numbers."""
-
-from fractions import Fraction
+"""Small chains for tests, random and known."""
 
 import numpy as np
 import scipy.sparse
@@ -53,22 +51,6 @@ def dense_solution(matrix, right, adjoint=False):
     """Solve `x = right + matrix x`, or with the transposed matrix."""
     dense = scipy.sparse.csr_array(matrix).toarray()
     return np.linalg.solve(np.eye(len(dense)) - (dense.T if adjoint else dense), right)
-
-
-def solve_exactly(matrix, right):
-    """Solve a system of rationals by Gauss-Jordan elimination."""
-    size = len(matrix)
-    rows = [
-        [*map(Fraction, row), *map(Fraction, more)] for row, more in zip(matrix, right, strict=True)
-    ]
-    for k in range(size):
-        pivot = next(i for i in range(k, size) if rows[i][k])
-        rows[k], rows[pivot] = rows[pivot], rows[k]
-        rows[k] = [x / rows[k][k] for x in rows[k]]
-        for i in range(size):
-            if i != k and (factor := rows[i][k]):
-                rows[i] = [x - factor * y for x, y in zip(rows[i], rows[k], strict=True)]
-    return [row[size:] for row in rows]
 
 
 @st.composite

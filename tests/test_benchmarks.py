@@ -1,11 +1,9 @@
 """The table of all benchmarks; the benchmarks themselves are too long for a test."""
 
-import functools
 import importlib
 import json
 import re
 import tomllib
-from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -69,24 +67,6 @@ def test_make_bench_installs_the_peers(benchmarks):
     assert names >= {*benchmarks["machine"].PACKAGES}
 
 
-def test_rows_come_back_from_their_file(benchmarks, tmp_path):
-    rows = benchmarks["rows"]
-    written = [rows.Row.from_json(row) for row in ROWS]
-    rows.write_rows(tmp_path / "rows.json", written)
-    assert json.loads((tmp_path / "rows.json").read_text()) == ROWS
-    assert rows.read_rows(tmp_path / "rows.json") == written
-    assert [row.ratio for row in written] == [4.0, None, None]
-
-
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [("ours_s", 0.0), ("ours_s", None), ("peer_s", float("nan")), ("peer", None), ("what", "")],
-)
-def test_a_row_that_makes_no_sense_is_refused(benchmarks, field, value):
-    with pytest.raises(ValueError, match=f"Row: {field}"):
-        benchmarks["rows"].Row.from_json({**ROWS[0], field: value})
-
-
 def test_all_rows_are_written_and_the_page_shows_them(benchmarks, folder, capsys):
     assert make_bench(benchmarks, folder) == 0
     whole = json.loads((folder / "bench.json").read_text())
@@ -143,52 +123,3 @@ def test_others_go_on_where_one_fails(benchmarks, folder, capsys, does, message)
     shown = capsys.readouterr().err
     assert f"FAILED: {message}" in shown
     assert "failed: bench_bad.py; page.md is unchanged" in shown
-
-
-def test_rows_of_an_earlier_run_do_not_count(benchmarks, folder):
-    assert make_bench(benchmarks, folder) == 0
-    script(folder, "good", "pass")
-    assert make_bench(benchmarks, folder) == 1
-
-
-def test_a_page_without_markers_is_refused_at_once(benchmarks, folder):
-    (folder / "page.md").write_text("no table here\n")
-    with pytest.raises(SystemExit, match="2"):
-        make_bench(benchmarks, folder)
-    assert not (folder / "logs").exists()
-
-
-def test_the_page_of_the_project_has_a_place_for_the_table(benchmarks):
-    run = benchmarks["run"]
-    assert run.MISSING in run.between_markers(run.PAGE.read_text(), run.MISSING)
-
-
-def test_programs_take_turns_after_a_check(benchmarks):
-    calls = []
-    timings = benchmarks["timing"].take_turns(
-        {"ours": lambda: calls.append("ours"), "peer": lambda: calls.append("peer")},
-        2,
-        lambda results: calls.append(set(results)),
-    )
-    assert calls == ["ours", "peer", {"ours", "peer"}, "ours", "peer", "ours", "peer"]
-    assert all(0 < t.least <= t.median for t in timings.values())
-    (row,) = benchmarks["rows"].rows_of("a", "b", "c", timings)
-    assert (row.ours_s, row.peer, row.peer_s) == (
-        timings["ours"].median,
-        "peer",
-        timings["peer"].median,
-    )
-
-
-def test_slow_programs_take_fewer_turns(benchmarks, monkeypatch):
-    """By a clock that each program moves."""
-    seconds, counts = {"ours": 12.0, "quick": 3.0, "slow": 11.0}, Counter()
-    programs = {name: functools.partial(counts.update, [name]) for name in seconds}
-
-    def clock():
-        return sum(count * seconds[name] for name, count in counts.items())
-
-    monkeypatch.setattr(benchmarks["timing"].time, "perf_counter", clock)
-    timings = benchmarks["timing"].take_turns(programs, 9, patience_s=10.0)
-    assert counts == {"ours": 2, "quick": 5, "slow": 1}
-    assert [t.median for t in timings.values()] == [*seconds.values()]

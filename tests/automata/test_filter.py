@@ -118,18 +118,6 @@ def test_strings_that_lead_to_the_trap_are_impossible_in_a_closed_world(graphs, 
         assert (run.states[: run.refuted_at + 1] != opened.trap).all()
 
 
-def test_every_robot_is_localized_and_is_in_one_of_the_possible_cells(labs):
-    for graph in labs.values():
-        image, observation = graph
-        filter = filter_of(graph)
-        for cell in range(image.size):
-            state = filter.start()
-            while not state.localized:
-                state, cell = state.observe(int(observation[cell])), image[cell]
-            assert state.uncertainty <= 4
-            assert cell in state.cells
-
-
 @pytest.mark.parametrize("kind", [list, np.array, lambda bits: map(bool, bits)])
 def test_observations_may_be_a_list_an_array_or_an_iterator(labs, kind):
     filter = filter_of(labs["a", 45])

@@ -114,16 +114,6 @@ def test_policies_agree_with_dense_linear_algebra(motion):
     )
 
 
-def test_a_target_that_one_angle_covers_gets_this_angle_alone():
-    cells = room()
-    bounces = np.radians([45, 135, 270])
-    alone = coverage_policy(cells, bounces[1:2], math.pi / 4, 0.7)
-    assert alone.alpha.tolist() == [1]
-    policy = coverage_policy(cells, bounces, math.pi / 4, 0.7, np.asarray(alone.mixture))
-    np.testing.assert_allclose(policy.alpha, [0, 1, 0], atol=1e-9)
-    assert policy.distance < 1e-12
-
-
 def test_groups_of_an_angle_are_weighted_by_basin_or_by_size():
     # Two rooms without a door.
     free = np.ones((2, 5), bool)

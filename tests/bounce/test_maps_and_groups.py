@@ -13,7 +13,6 @@ from random_rooms import grids
 from jaxcell.bounce import (
     Walls,
     bounce_groups,
-    bounce_image,
     bounce_map,
     bounce_shift,
     grid_groups,
@@ -117,15 +116,6 @@ def test_groups_of_random_grids_are_those_of_all_cells(free, shift):
     angle = 2 * math.pi * shift / 8
     groups = periodic_groups(bounce_map(cells, angle).image)
     assert_same_groups(bounce_groups(cells, angle), groups)
-
-
-def test_images_under_vmap_are_those_of_each_angle():
-    cells = CellSpace.of(CURVED, 0.4, 24)
-    shift = np.arange(24, dtype=np.int32)
-    batch = jax.jit(jax.vmap(bounce_image, (None, 0)))(moves(cells), shift)
-    expected = bounce_map(cells, 2 * math.pi * shift / 24)
-    np.testing.assert_array_equal(batch.image, expected.image)
-    np.testing.assert_array_equal(batch.bumped, expected.bumped)
 
 
 @pytest.mark.parametrize(

@@ -160,35 +160,6 @@ def test_large_whole_costs_stay_exact():
     assert changes.max() > 1
 
 
-def test_the_first_bump_costs_no_change_of_angle():
-    cells = CellSpace.of_grid(np.ones((1, 3), bool), 4)
-    half, three_quarters = math.pi, 1.5 * math.pi
-    east, west, south = 0, 8, 9
-    result = plan(cells, [half, three_quarters], east, west)
-    assert result.actions.tolist() == [0, 0, half]
-    assert (result.cost, result.angles_used, result.changes) == (3, 1, 0)
-    # At the left end the robot turns to the North, then South; only the last bump is a change.
-    result = plan(cells, [half, three_quarters], east, south)
-    assert result.actions.tolist() == [
-        *(0, 0, three_quarters, three_quarters),
-        *(0, 0, three_quarters, half),
-    ]
-    assert (result.cost, result.angles_used, result.changes) == (107, 2, 1)
-
-
-def test_layers_differ_from_the_exact_search():
-    cells = room(9, 13)
-    exact, layered = (all_plans(cells, LAB, method=method) for method in ("exact", "layered"))
-    differ = exact.costs() != layered.costs()
-    assert 0 < differ.sum() < differ.size
-    np.testing.assert_array_equal(exact.costs() < 0, layered.costs() < 0)
-    cheaper, dearer = (exact.costs() < layered.costs()), (exact.costs() > layered.costs())
-    for where in (cheaper, dearer):
-        start, goal = np.argwhere(where)[0].tolist()
-        check(cells, exact.plan(start, goal), 1, 100)
-        check(cells, layered.plan(start, goal), 1, 100, "layered")
-
-
 @pytest.mark.parametrize("keep", [1, 0.5])
 def test_plans_are_the_same_when_read_from_their_store(tmp_path, keep):
     cells = room(6, 9)

@@ -207,14 +207,6 @@ def test_robots_that_meet_bump_and_collide(robots, bumped, collisions):
             assert z == cells.index(x + 0.5, y + 0.5, (k + 3) * math.pi / 4)
 
 
-def test_a_long_step_does_not_jump_over_a_robot():
-    cells = CellSpace.of_grid(np.ones((1, 7), bool), 8)
-    waits, comes = cells.index(4.5, 0.5, math.pi / 2), cells.index(2.5, 0.5)
-    joint = one_step(cells, np.full(2, 4), np.array([waits, comes]), step=4.0)
-    assert joint.bumped.tolist() == [True, True]
-    assert joint.collisions == 1
-
-
 @given(
     SPACES,
     st.sampled_from([1, 3]),
@@ -269,27 +261,6 @@ def room():
     free = np.ones((10, 10), bool)
     free[2:4, 2:4] = free[6:8, 5:9] = free[0:2, 7] = False
     return CellSpace.of_grid(free, 8)
-
-
-def test_robots_that_fill_the_map_have_covered_it_at_once():
-    cells = CellSpace.of_grid(np.ones((1, 2), bool), 4)
-    result = team_trajectory(cells, [0, 1], math.pi / 2)
-    assert result.cell.tolist() == [[0, 1]]
-    assert result.bumped.shape == (0, 2)
-    assert result.covered.tolist() == [2]
-    assert result.outcome is TeamOutcome.COVERED
-
-
-def test_a_robot_alone_can_run_out_of_turns():
-    # With two directions and a bounce of half a turn a robot runs to and fro in its row.
-    cells = CellSpace.of_grid(np.ones((2, 3), bool), 2)
-    result = team_trajectory(cells, [0], math.pi)
-    assert result.outcome is TeamOutcome.OUT_OF_REACH
-    assert result.uncovered_positions.tolist() == [3, 4, 5]
-    cells = CellSpace.of_grid(np.ones((3, 3), bool), 4)
-    result = team_trajectory(cells, [0], 0.0)
-    assert result.outcome is TeamOutcome.STUCK
-    assert 0 < result.uncovered < 9
 
 
 @pytest.mark.parametrize(

@@ -150,19 +150,6 @@ def test_the_default_step_drifts_one_cell_on_average():
     )
 
 
-def test_works_under_jit_vmap_and_grad():
-    flow = Flow.of(rotation(9))
-    x, y = jnp.array([5.0]), jnp.array([4.0])
-
-    def end(duration):
-        return advect(flow, x, y, duration, method="rk4", steps=2)[1][0]
-
-    batch = jax.jit(jax.vmap(end))(jnp.array([600.0, 1200.0]))
-    np.testing.assert_allclose(batch, [end(600.0), end(1200.0)])
-    slope = (end(601.0) - end(599.0)) / 2
-    np.testing.assert_allclose(jax.grad(end)(600.0), slope, rtol=1e-6)
-
-
 @pytest.mark.parametrize("shape", [(0,), (7,), (2, 520), (2, 40_000)])
 def test_any_number_of_points_is_carried_as_by_advect(shape):
     flow = Flow.of(rotation(9)).repeated()

@@ -87,12 +87,6 @@ def test_merged_orbits_equal_merging_of_all_pairs():
     assert sorted(np.flatnonzero(label == k).tolist() for k in range(label.max() + 1)) == expected
 
 
-@pytest.mark.parametrize(("kind", "label"), [("periodic", [0, 0]), ("sink", [0, 1])])
-def test_orbits_across_a_periodic_axis_are_merged(kind, label):
-    orbit = np.array([0.999, 0.001])[:, None, None]
-    assert merged(Box([0], [1], [9], kind), orbit, 0).tolist() == label
-
-
 def test_groups_without_orbits_get_the_attractors_of_their_cells(monkeypatch):
     # A step is shorter than half a cell around the middle, where each cell is a group.
     box = Box([-1], [1], [40])

@@ -227,23 +227,6 @@ def test_section_of_van_der_pol_has_its_period():
     assert float(time) == pytest.approx(6.66328686, abs=1e-5)
 
 
-def test_periods_of_the_logistic_map_double():
-    rate = np.array([0.9, 2.8, 3.2, 3.5, 3.55, 3.83])
-    continued = dynamics.continuation(
-        lambda x, p: p["r"] * x * (1 - x), Box([0], [1], [1000]), {"r": rate}
-    )
-    assert [member.period.tolist() for member in continued.members] == [
-        [1],
-        [1],
-        [2],
-        [4],
-        [8],
-        [3],
-    ]
-    np.testing.assert_allclose(continued.members[1].orbit[0, -1], 1 - 1 / 2.8)
-    assert all(member.fraction.tolist() == [1] for member in continued.members)
-
-
 @pytest.mark.parametrize("axes", [4, 5, 6])
 def test_groups_of_product_maps_are_products_of_groups(axes):
     kinds = ["sink", "periodic", "clamp"] * 2

@@ -37,18 +37,6 @@ def test_chain_of_logistic_map_equals_ulams_matrix():
     assert np.abs(limiting(chain) - density).sum() < 0.2
 
 
-def test_noisy_decay_has_the_ornstein_uhlenbeck_gaussian():
-    time = 0.1
-    box, decay = Box([-4], [4], [200], "clamp"), np.exp(-time)
-    noise = np.sqrt((1 - decay**2) / 2)
-    chain = dynamics.chain(lambda x, p: decay * x, box, samples=2048, noise=noise)
-    exact = np.diff(norm.cdf(np.linspace(-4, 4, 201), scale=np.sqrt(0.5)))
-    assert np.abs(limiting(chain) - exact).sum() < 0.01
-    eigenvalues = np.linalg.eigvals(chain.to_scipy().toarray())
-    rates = np.log(np.sort(np.abs(eigenvalues))[-3:]) / time
-    np.testing.assert_allclose(rates, [-2, -1, 0], atol=0.02)
-
-
 def test_noise_has_the_moments_of_a_linear_map():
     box, decay, noise = Box([-3, -1], [3, 1], [150, 3], "clamp"), 0.6, 0.4
 
@@ -94,41 +82,6 @@ def test_noise_that_is_cut_loses_no_mass(kind):
 def test_wide_noise_on_a_ring_is_uniform():
     chain = dynamics.chain(lambda x, p: x, Box([0], [1], [7], "periodic"), noise=3.0)
     np.testing.assert_allclose(chain.to_scipy().toarray(), 1 / 7, rtol=1e-12)
-
-
-# A walk that is observed at intervals may pass an end between them, as if the end were farther away
-# by this share of the deviation (Chernoff 1965).
-UNSEEN = 0.5826
-
-
-@pytest.fixture(scope="module")
-def well():
-    """Makes chains of dX = (X - X^3) dt + 0.5 dW, whose target is beyond a height."""
-    time, noise = 0.01, 0.5
-    unseen = UNSEEN * noise * np.sqrt(time)
-
-    def until(low, high, kind):
-        # The box extends beyond the height as far as a step may go.
-        width = (high - low - unseen) / 300
-        box = Box([low], [high - unseen + 60 * width], [360], kind)
-        flow = dynamics.flow(lambda x, p: x - x**3, time, 1)
-        chain = dynamics.chain(flow, box, samples=256, noise=noise * np.sqrt(time))
-        return chain, np.arange(360) >= 300, box.ticks(0)
-
-    return until
-
-
-@pytest.mark.parametrize(("to", "expected"), [(0.0, 18.42615845), (1.0, 41.03428027)])
-def test_exit_time_of_a_well_equals_quadrature(well, to, expected):
-    chain, target, places = well(-2.2, to, "clamp")
-    times = np.asarray(markov.hitting_times(chain, target).value)
-    assert np.interp(-1, places, times) * 0.01 == pytest.approx(expected, rel=0.04)
-
-
-def test_committor_of_a_well_equals_quadrature(well):
-    chain, target, places = well(-0.7 + UNSEEN * 0.05, 0.7, "sink")
-    found = np.asarray(markov.arrival_probabilities(chain, target).value)
-    np.testing.assert_allclose(np.interp([-0.35, 0], places, found), [0.1587850585, 0.5], atol=0.01)
 
 
 def decays(time, kind):

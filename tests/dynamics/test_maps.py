@@ -200,16 +200,3 @@ def test_half_steps_reveal_coarse_steps():
 def test_bad_maps_are_refused(map, message):
     with pytest.raises(ValueError, match=message):
         dynamics.images(map, Box([0, 0], [1, 1], [2, 2]), {})
-
-
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"dt": 0.0}, "dt: expected a finite number above 0, got 0.0"),
-        ({"steps": 0}, "steps: expected a whole number from 1, got 0"),
-        ({"dt": float("nan")}, "dt: expected a finite number above 0, got nan"),
-    ],
-)
-def test_bad_steps_are_refused(wrong, message):
-    with pytest.raises(ValueError, match=message):
-        dynamics.flow(turning, **{"dt": 0.1, "steps": 3, **wrong})

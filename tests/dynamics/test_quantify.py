@@ -33,15 +33,6 @@ def test_times_equal_attractors_jl(basins):
     np.testing.assert_allclose(dynamics.basin_stability(basins, within=0.5), [1 / 9, 1 / 9])
 
 
-def test_convergence_times_equal_those_of_a_flow():
-    # x' = -1, to a floor at 0.05: each mapping lasts 0.2 and goes two cells.
-    flow = dynamics.flow(lambda x, p: jnp.where(x < 0.1, 0.0, -1.0), 0.1, 2)
-    basins = dynamics.basins(flow, Box([0], [1], [10]))
-    np.testing.assert_allclose(basins.mean_time, 0.2 * basins.mean_steps)
-    early = dynamics.basin_stability(basins, within=0.45)
-    assert early[0] == pytest.approx(np.mean(basins.step <= 2))
-
-
 def test_crossing_times_equal_cell_by_cell_times():
     dt, crossed, most, cells = 0.05, 3, 100, 40
     flow = dynamics.flow(lambda x, p: -x, dt, crossed=crossed, max_steps=most)

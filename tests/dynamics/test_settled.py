@@ -1,7 +1,6 @@
 """Attractors of systems whose long-run behaviour is known: points, cycles and periods."""
 
 import itertools
-import json
 
 import jax
 import jax.numpy as jnp
@@ -9,17 +8,11 @@ import numpy as np
 import pytest
 
 from jaxcell import dynamics
-from jaxcell.cli.app import run
 from jaxcell.space import Box
 
 
 def oscillator(x, p):
     return jnp.stack([x[1], -2 * p["d"] * x[1] - x[0] - x[0] ** 3])
-
-
-def glycolysis(x, p):
-    made = p["a"] * x[1] + x[0] ** 2 * x[1]
-    return jnp.stack([made - x[0], p["b"] - made])
 
 
 @pytest.mark.parametrize("damping", [0.003, 0.01, 0.3])
@@ -254,41 +247,6 @@ def test_exact_orbits_on_a_repelling_cycle_have_not_settled():
     # The doubling map moves all bits of a number out; what is left is the repelling point 0.
     basins = dynamics.basins(lambda x, p: 2 * x - jnp.floor(2 * x), Box([0], [1], [64], "periodic"))
     assert not basins.settled
-
-
-OWN = """
-import jax.numpy as jnp
-from jaxcell.dynamics import System, flow
-from jaxcell.space import Box
-
-def oscillator(x, p):
-    return jnp.array([x[1], -2 * p["d"] * x[1] - x[0] - x[0] ** 3])
-
-damped = System(flow(oscillator, 0.05, 20), Box([-2, -2], [2, 2], [31, 31]), {"d": 0.02})
-"""
-
-
-def test_command_follows_one_point_along_weak_dampings(tmp_path, capsys):
-    path = tmp_path / "own.py"
-    path.write_text(OWN)
-    assert run(["dynamics", f"{path}:damped", "--params", "d=0.01:0.03:3", "--json"]) == 0
-    shown = capsys.readouterr()
-    assert json.loads(shown.out)["attractors"] == 1
-    assert "had not settled" not in shown.err
-    assert run(["dynamics", f"{path}:damped", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["settled"]
-    assert [(each["period"], each["cells_on"]) for each in found["basins"]] == [(1, 1)]
-
-
-# The fixed point is stable from a = 0.1227 on, at b = 0.6, where the trace changes its sign.
-@pytest.mark.parametrize(("a", "periods"), [(0.13, [1]), (0.11, [0])])
-def test_glycolysis_has_a_point_or_a_cycle_on_the_sides_of_its_bifurcation(a, periods):
-    flow, b = dynamics.flow(glycolysis, 0.05, 20), 0.6
-    basins = dynamics.basins(flow, Box([0, 0], [3, 4], [100, 100]), {"a": a, "b": b})
-    assert (basins.settled, basins.period.tolist()) == (True, periods)
-    if periods == [1]:
-        np.testing.assert_allclose(basins.orbit[0, 0], [b, b / (a + b**2)], atol=1e-9)
 
 
 # Onsets of the periods 2, 4, 8, 16 and 32 of the logistic map.

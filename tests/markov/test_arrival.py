@@ -14,7 +14,6 @@ from jaxcell.mapping.generalized import Chain
 from jaxcell.markov.arrival import Distinct, first_arrival, mean_product
 from jaxcell.markov.hitting import hitting_times
 from jaxcell.markov.mean_arrival import mean_first_arrival
-from jaxcell.markov.passage import first_passage
 
 
 STEPS = 12
@@ -45,12 +44,6 @@ def test_law_of_two_robots_equals_the_joint_chain(matrix, seed):
     expected = arrival_law(*race, STEPS)
     np.testing.assert_allclose(result, expected, atol=1e-13)
     assert (result >= 0).all()
-
-
-def test_law_of_one_robot_is_a_first_passage():
-    chain = random_chain(6, 1)
-    law = first_arrival([chain], [[1, 2]], [0, 5], 500)
-    np.testing.assert_allclose(law, first_passage(chain, [1, 2], [0, 5], 500), atol=1e-15)
 
 
 @pytest.mark.parametrize("robots", [1, 2, 3])
@@ -101,15 +94,6 @@ def test_mean_of_two_robots_equals_solve_of_joint_chain(matrix, data):
     result = mean_first_arrival([chain, chain], starts, target)
     assert result.value == pytest.approx(expected, rel=1e-8)
     assert result.certificate.outcome is Outcome.CONVERGED
-
-
-def test_mean_of_slow_robot_is_exact():
-    n = 100
-    step = np.full(n - 1, 0.5)
-    walk = np.diag(step, 1) + np.diag(step, -1)
-    walk[0, 1] = walk[-1, -2] = 1
-    result = mean_first_arrival([Chain.from_scipy(walk)], [0], n - 1)
-    assert result.value == pytest.approx((n - 1) ** 2, rel=1e-9)
 
 
 def test_tail_is_bounded_before_it_is_negligible():

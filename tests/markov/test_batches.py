@@ -274,5 +274,7 @@ def test_equal_calls_without_jit_are_compiled_once():
     again = jax.vmap(quantities)(matrices[::-1])
     jax.monitoring.unregister_event_duration_listener(listen)
     assert not compiled
-    for one, other in zip(first, again, strict=True):
-        np.testing.assert_array_equal(one, other[::-1])
+    for number, matrix in enumerate(matrices):
+        for one, other, alone in zip(first, again, quantities(matrix), strict=True):
+            np.testing.assert_array_equal(one[number], other[-1 - number])
+            np.testing.assert_allclose(one[number], alone, rtol=1e-12)

@@ -1,7 +1,6 @@
 import jax
 import numpy as np
 import pytest
-import scipy.optimize
 from hypothesis import given, strategies as st
 from oracles import exact_chains as exact
 from random_models import as_model, models, policies
@@ -46,20 +45,6 @@ def test_value_is_that_of_the_best_policy(parts, discount):
     assert allowed[policy, np.arange(policy.size)].all()
     own = of_policy(matrices, reward, policy, discount)
     assert (own >= best - 2 * result.gap - 1e-10).all()
-
-
-@pytest.mark.parametrize("stays", [True, False])
-def test_value_solves_the_linear_program(stays):
-    model = grid_model(0, stays)
-    matrices = np.stack([chain.to_scipy().toarray() for chain in model.chains])
-    discount = 0.95
-    # The least W with W >= r_u + discount * P_u W for all actions.
-    rows = np.concatenate([discount * matrix - np.eye(model.cells) for matrix in matrices])
-    program = scipy.optimize.linprog(
-        np.ones(model.cells), rows, -np.asarray(model.reward).ravel(), bounds=(None, None)
-    )
-    result = value_iteration(model, discount)
-    np.testing.assert_allclose(result.value, discount * program.x, atol=1e-6)
 
 
 def drawn_model(draw, rows, cells=6, actions=3):

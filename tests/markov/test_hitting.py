@@ -3,7 +3,6 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from random_chains import (
-    birth_and_death,
     dense_solution,
     matrices,
     open_line,
@@ -66,15 +65,6 @@ def test_hitting_equals_the_definition(matrix, data):
     np.testing.assert_allclose(result.value, expected, rtol=1e-9)
 
 
-def test_birth_and_death_chain_has_known_values():
-    # The walk is reflected at 0, and takes n^2 - i^2 steps from i to n.
-    n = 200
-    up, down = np.full(n, 0.5), np.full(n, 0.5)
-    up[0] = down[-1] = 1
-    result = hitting_times(Chain.from_scipy(birth_and_death(up, down)), n)
-    np.testing.assert_allclose(result.value, n**2 - np.arange(n + 1) ** 2, rtol=1e-10)
-
-
 def test_times_around_a_cycle_are_distances():
     n = 500
     result = hitting_times(Chain((np.arange(n)[None] + 1) % n, np.ones((1, n))), 0)
@@ -102,14 +92,6 @@ def test_bad_targets_are_refused(target, message):
     chain = Chain(np.array([[1, 2, 3, 0]]), np.ones((1, 4)))
     with pytest.raises(ValueError, match=message):
         hitting_times(chain, target)
-
-
-def test_groups_of_another_chain_are_refused():
-    chain = Chain(np.array([[1, 0]]), np.ones((1, 2)))
-    other = persistent_groups(Chain(np.array([[1, 2, 0]]), np.ones((1, 3))))
-    for function in (absorption_probabilities, absorption_times):
-        with pytest.raises(ValueError, match="chain of 2 cells, got the groups of a chain of 3"):
-            function(chain, other)
 
 
 def test_stalled_solve_is_reported(monkeypatch):
@@ -146,16 +128,6 @@ def slow_eddy(cells, leak, share):
     P[0] *= 1 - leak
     P[0, -2:] = leak * share, leak * (1 - share)
     return Chain.from_scipy(P)
-
-
-@pytest.mark.parametrize("leak", [1e-7, 1e-9, 1e-11])
-def test_end_probabilities_of_a_very_slow_eddy_are_exact(leak):
-    chain = slow_eddy(30, leak, 0.3)
-    result = absorption_probabilities(chain, persistent_groups(chain))
-    # Every path leaves from the same cell, where the odds are 3 to 7.
-    expected = np.array([[0.3], [0.7]])
-    np.testing.assert_allclose(result.value[:, :30], np.broadcast_to(expected, (2, 30)), atol=1e-12)
-    assert result.certificate.residual < 1e-11
 
 
 def test_single_end_is_reached_with_probability_1(monkeypatch):

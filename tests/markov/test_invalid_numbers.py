@@ -196,14 +196,6 @@ def test_second_derivatives_that_lack_a_term_are_refused(name):
             outer(inner(compute))(0.0)
 
 
-def test_second_derivatives_of_solutions_are_right():
-    # From state 0 to state 1 with probability e: 1 / e steps.
-    def time(e):
-        return markov.hitting_times(jnp.array([[1 - e, e], [0.0, 1.0]]), 1).value[0]
-
-    assert jax.hessian(time)(0.25) == pytest.approx(2 / 0.25**3, rel=1e-12)
-
-
 def test_weights_of_groups_in_a_batch():
     chain = mapping.Chain.from_scipy(np.array([[1.0, 0, 0], [0.5, 0, 0.5], [0, 0, 1.0]]))
     groups = mapping.persistent_groups(chain)

@@ -36,14 +36,6 @@ def test_distribution_is_the_time_average_of_a_uniform_start(matrix):
     assert result.certificate.residual < 1e-12
 
 
-def test_periodic_circle_is_uniform():
-    n = 1000
-    chain = Chain((np.arange(n)[None] + 1) % n, np.ones((1, n)))
-    groups = persistent_groups(chain)
-    assert groups.period.tolist() == [n]
-    np.testing.assert_allclose(limiting_distribution(chain, groups).value, 1 / n, rtol=1e-12)
-
-
 def test_birth_and_death_chain_has_known_values():
     # Ehrenfest's urns: binomial, of period 2.
     n = 40

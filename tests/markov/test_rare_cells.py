@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import scipy.sparse
 from hypothesis import given, strategies as st
-from random_chains import birth_and_death, dense_solution, solve_exactly
+from oracles import exact_chains
+from random_chains import birth_and_death
 
 from jaxcell import mapping, markov
 from jaxcell.markov.solving import solve
@@ -26,18 +27,9 @@ def with_diagonal(steps):
 
 
 def exact(matrix):
-    """Compute the stationary distribution and Kemeny's constant from the steps between cells."""
-    size = len(matrix)
-    gap = [[-Fraction(float(p)) for p in row] for row in matrix]
-    for i in range(size):
-        gap[i][i] = -sum(gap[i][:i] + gap[i][i + 1 :])
-    identity = np.eye(size, dtype=int).tolist()
-    # The last row of the inverse of I - P with ones in its last column is the distribution.
-    share = solve_exactly([[*row[:-1], 1] for row in gap], identity)[-1]
-    fundamental = solve_exactly(
-        [[x + y for x, y in zip(row, share, strict=True)] for row in gap], identity
-    )
-    return share, sum(fundamental[i][i] for i in range(size)) - 1
+    """Compute the stationary distribution and Kemeny's constant in rational numbers."""
+    share = exact_chains.stationary(matrix)
+    return exact_chains.as_floats(share), *exact_chains.as_floats([exact_chains.kemeny(matrix)])
 
 
 @st.composite
@@ -169,7 +161,10 @@ def test_trap_left_once_in_1e24_steps_equals_fractions(adjoint, monkeypatch):
     right = [[Fraction(1), Fraction(int(i == n - 1), 128)] for i in range(n)]
     turned = [list(column) for column in zip(*matrix, strict=True)] if adjoint else matrix
     gap = [[int(i == j) - x for j, x in enumerate(row)] for i, row in enumerate(turned)]
-    expected = np.array(solve_exactly(gap, right), float)
+    gap, sides = (
+        [[exact_chains.rational(x) for x in row] for row in part] for part in (gap, right)
+    )
+    expected = np.array([exact_chains.as_floats(row) for row in exact_chains.solve(gap, sides)])
     step = np.array([[float(v) for v in row] for row in matrix])
     leaving = np.append(np.zeros(n - 1), 1 / 128)
     gain = np.array([[float(v) for v in row] for row in right])
@@ -183,14 +178,3 @@ def test_trap_left_once_in_1e24_steps_equals_fractions(adjoint, monkeypatch):
     if not adjoint:
         assert expected[:, 0].min() > 1e18
         np.testing.assert_allclose(result[:, 1], 1, rtol=1e-12)
-
-
-@pytest.mark.parametrize("adjoint", [False, True])
-def test_elimination_equals_a_dense_solve(adjoint):
-    draw = np.random.default_rng(1)
-    step = draw.random((30, 30)) * (draw.random((30, 30)) < 0.2)
-    step *= 0.9 / max(1, step.sum(axis=1).max())
-    right = draw.random((30, 3))
-    leaving = 1 - step.sum(axis=1)
-    result, _ = eliminate(scipy.sparse.csr_array(step), leaving, right, adjoint=adjoint)
-    np.testing.assert_allclose(result, dense_solution(step, right, adjoint), rtol=1e-12)

@@ -1,6 +1,7 @@
 """Public entrances of chains and cell maps, called as by users, with wrong arguments."""
 
 import json
+import re
 import subprocess
 import sys
 
@@ -60,9 +61,6 @@ transient_groups(TIDE, GROUPS)
 section_cycles(5)
 section_cycles(Section(np.array([1, 0]), np.ones(3, int), np.zeros(2, int), np.ones(2, bool)))
 section_cycles(Section(np.array([1, 0]), np.ones(2), np.zeros(2, int), np.ones(2, bool)))
-hitting_times("rows", 0)
-hitting_times(CHAIN, -1)
-hitting_times(CHAIN, 1.5)
 hitting_times(CHAIN, [])
 hitting_times(CHAIN, "a")
 hitting_times(CHAIN, None)
@@ -72,9 +70,7 @@ hitting_times(CHAIN, np.nan)
 hitting_times(CHAIN, {1})
 hitting_times(TIDE, 1)
 hitting_times(CHAIN, True)
-arrival_probabilities("rows", 0)
 conditional_hitting_times(TIDE, 0)
-absorption_times("rows", GROUPS)
 absorption_times(TIDE, GROUPS)
 absorption_probabilities(CHAIN, 5)
 limiting_distribution(CHAIN, GROUPS, weights="x")
@@ -83,7 +79,6 @@ limiting_distribution(CHAIN, GROUPS, weights=[np.nan])
 limiting_distribution(CHAIN, GROUPS, weights=[[1.0]])
 limiting_distribution(CHAIN, GROUPS, weights=["a"])
 limiting_distribution(CHAIN, GROUPS, weights=5)
-limiting_distribution("rows", GROUPS)
 first_passage(CHAIN, 0, 2, -1)
 first_passage(CHAIN, 0, 2, 1.5)
 first_passage(CHAIN, 0, 2, np.nan)
@@ -91,7 +86,6 @@ first_passage(CHAIN, 0, 2, "a")
 first_passage(CHAIN, 0, 2, None)
 first_passage(CHAIN, np.array([np.nan, 0, 0.0]), 2, 3)
 first_passage(CHAIN, "a", 2, 3)
-first_passage("rows", 0, 2, 3)
 first_arrival(CHAIN, [0], 2, 3)
 first_arrival([CHAIN], 0, 2, 3)
 first_arrival(["rows"], [0], 2, 3)
@@ -123,26 +117,18 @@ leading_modes(CHAIN, 1.5)
 leading_modes(CHAIN, 0)
 leading_modes(CHAIN, "a")
 leading_modes(CHAIN, None)
-leading_modes("rows", 1)
 almost_invariant_sets(CHAIN, 1, start=-1)
 almost_invariant_sets(CHAIN, 1.5)
 almost_invariant_sets(CHAIN, 1, mass="a")
 almost_invariant_sets(CHAIN, 1, mass=[1, np.nan, 1])
 almost_invariant_sets(CHAIN, 1, mass=[])
 almost_invariant_sets(CHAIN, 1, blur="rows")
-almost_invariant_sets("rows", 1)
 coherent_sets(CHAIN, None)
 attracting_regions(CHAIN, 1, steps=1.5)
 attracting_regions(CHAIN, 1, mass=5)
-hitting_matrix("rows")
 hitting_matrix(CHAIN)
-commute_times(None)
-kemeny_constant("rows")
-entropy_rate("rows")
-slem(None)
 mixing_time(RING, np.nan)
 mixing_time(RING, "a")
-mixing_time("rows")
 value_iteration(MODEL, np.nan)
 value_iteration(MODEL, "a")
 value_iteration(MODEL, 0.5, tolerance="a")
@@ -176,6 +162,33 @@ first_arrival([CHAIN], [0], 2, -1)
 DecisionModel.of([RING], np.full((1, 3), np.nan))
 Chain(np.array([[1, 2, 2 ** 40]]), np.ones((1, 3)))
 """
+# Calls with the message that names the place and the value.
+NAMED = {
+    "periodic_groups([0, 5])": r"image\[1\]: cell 5 does not exist; cells are 0 to 1",
+    "periodic_groups([0, -1])": r"image\[1\]: cell -1 does not .*; give a sink a cell",
+    "periodic_groups(jnp.array([2, 0]))": r"image\[0\]: cell 2 does not exist",
+    "periodic_groups([0.0, 1.0])": "image: expected whole numbers of cells, got float",
+    "periodic_groups([True, False])": "image: expected whole numbers of cells, got bool",
+    "periodic_groups([[0, 1]])": r"image: .* each cell, got shape \(1, 2\)",
+    "SimpleMap(np.array([0, 2]), np.zeros(2, bool))": r"image\[1\]: cell 2 does not exist",
+    "SimpleMap(np.array([0, 1]), np.zeros(3, bool))": r"bumped: expected a mask of shape \[2\]",
+    "section_cycles(Section(np.array([0, 2]), ONE, ONE, ONE == 1))": r"successor\[1\]: slot 2 does",
+    "ChainSequence(np.array([[[0, 2]]]), np.ones((1, 1, 2)))": r"image\[0, 0, 1\]: cell 2 does not",
+    "ChainSequence(np.array([[[0, 1]]]), np.full((1, 1, 2), 2.0))": "cell 0 sum to 2.0; ",
+    "Chain.from_scipy(np.eye(2, dtype=bool))": "expected float64, got bool",
+    "Chain.from_scipy(np.eye(2, dtype=np.float32))": "expected float64, got float32; convert it",
+    "RING.push(jnp.ones(1))": r"distribution: .* each of 3 cells, got \[1\]",
+    "RING.pull(jnp.ones((3, 3)))": r"value: .* each of 3 cells, got \[3, 3\]",
+    "sample_walks(RING, np.array([3]), 2, DRAW)": r"starts\[0\]: cell 3 does not exist",
+    "sample_walks(RING, np.array([0.5]), 2, DRAW)": "starts: expected whole numbers",
+    "sample_walks(RING, np.array([0]), -1, DRAW)": "steps: expected 0 or more, got -1",
+    "policy_chain(MODEL, np.array([0, 1]))": r"policy: .* for each of 3 cells, got \[2\]",
+    "policy_chain(MODEL, np.array([0, 1, 1.0]))": "policy: expected whole numbers",
+    "policy_chain(MODEL, np.array([0, 2, 1]))": r"policy\[1\]: action 2 does not exist",
+    "first_passage(RING, -1, 0, 3)": "start: cell -1 does not exist; cells are 0 to 2",
+    "hitting_times(RING, [0, 3])": r"target\[1\]: cell 3 does not exist",
+    "hitting_times(RING, 1.0)": "target: expected whole numbers of cells, got float64",
+}
 # Calls with numbers in another form, and the same calls in the usual form.
 EQUAL = {
     'Chain.from_scipy(ROWS.astype(">f8"))': "CHAIN",
@@ -207,14 +220,14 @@ EQUAL = {
 }
 # No test framework checks types in this process.
 SCRIPT = """
-import json, sys, jax, networkx, numpy as np, scipy.sparse as sp, warnings
+import json, sys, jax, jax.numpy as jnp, networkx, numpy as np, scipy.sparse as sp, warnings
 from jaxcell import mapping, markov
 from jaxcell.mapping import *
 from jaxcell.markov import *
 warnings.simplefilter("error")
 ROWS = np.array([[0.5, 0.5, 0], [0, 0.5, 0.5], [0, 0, 1]])
 CHAIN, DRAW, BIG = Chain.from_scipy(ROWS), np.random.default_rng(0), np.array([[1, 2, 0]], ">i4")
-RING = Chain(np.array([[1, 2, 0]]), np.ones((1, 3)))
+RING, ONE = Chain(np.array([[1, 2, 0]]), np.ones((1, 3))), np.ones(2, int)
 TIDE, MODEL = ChainSequence.of([RING, RING]), DecisionModel.of([RING, RING], np.zeros((2, 3)))
 GROUPS, GRAPH = persistent_groups(CHAIN), networkx.DiGraph([(0, 1), (1, 0)])
 answers = {}
@@ -228,9 +241,20 @@ print(json.dumps(answers))
 """
 
 
+# Functions of a chain alone, or of a chain and a cell or a number.
+ALONE = """hitting_matrix commute_times kemeny_constant entropy_rate slem mixing_time
+absorption_times absorption_probabilities limiting_distribution"""
+WITH_NUMBER = """hitting_times arrival_probabilities conditional_hitting_times leading_modes
+almost_invariant_sets coherent_sets attracting_regions"""
+TAKES_CHAIN = [
+    *(f"{name}('rows')" for name in ALONE.split()),
+    *(f"{name}('rows', 1)" for name in WITH_NUMBER.split()),
+]
+
+
 @pytest.fixture(scope="module")
 def answers():
-    calls = [*REFUSED.split("\n")[1:-1], *EQUAL, *EQUAL.values()]
+    calls = [*REFUSED.split("\n")[1:-1], *TAKES_CHAIN, *NAMED, *EQUAL, *EQUAL.values()]
     command = [sys.executable, "-c", SCRIPT, json.dumps(calls)]
     return json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
 
@@ -241,6 +265,18 @@ def test_wrong_arguments_are_refused_in_a_line_that_says_what_is_expected(call, 
     assert kind == "ValueError", answers[call]
     assert "\n" not in message
     assert "expected" in message or "does not exist" in message
+
+
+@pytest.mark.parametrize("call", TAKES_CHAIN)
+def test_a_text_is_no_chain(call, answers):
+    assert re.match(
+        "ValueError: chain: expected a Chain( or ChainSequence)?, got str", answers[call]
+    )
+
+
+@pytest.mark.parametrize("call", NAMED)
+def test_errors_name_the_place_and_the_value(call, answers):
+    assert re.match("ValueError: .*" + NAMED[call], answers[call])
 
 
 @pytest.mark.parametrize("call", EQUAL)

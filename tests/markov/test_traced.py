@@ -4,7 +4,6 @@ The truth of a derivative is a central difference in rational numbers, in which 
 """
 
 import dataclasses
-from fractions import Fraction
 
 import jax
 import jax.numpy as jnp
@@ -48,26 +47,8 @@ def exact_columns(matrix, sets):
     return np.array(exact_chains.ends(matrix, sets), dtype=object)
 
 
-def exact_stationary(matrix):
-    """The stationary distribution, with the diagonal from the sums of the rows."""
-    n = len(matrix)
-    P = [[exact_chains.rational(p) for p in row] for row in matrix]
-    for i in range(n):
-        P[i][i] = 1 - sum((P[i][j] for j in range(n) if j != i), fmpq(0))
-    system = [
-        [(P[j][i] if i < n - 1 else fmpq(1)) - int(i == j and i < n - 1) for j in range(n)]
-        for i in range(n)
-    ]
-    return [row[0] for row in exact_chains.solve(system, [[fmpq(0)]] * (n - 1) + [[fmpq(1)]])]
-
-
 def exact_hitting_matrix(matrix):
     return [time for j in range(len(matrix)) for time in exact_chains.times(matrix, j)]
-
-
-def exact_kemeny(matrix):
-    share = exact_stationary(matrix)
-    return [sum((share[j] * exact_chains.times(matrix, j)[0] for j in range(len(matrix))), fmpq(0))]
 
 
 def exact_conditional(matrix):
@@ -121,7 +102,7 @@ QUANTITIES = {
     "limiting_distribution": (
         lambda chain: markov.limiting_distribution(chain, groups(chain)).value,
         irreducible,
-        exact_stationary,
+        exact_chains.stationary,
     ),
     "weights of groups": (
         lambda chain: markov.limiting_distribution(chain, groups(chain)).weights[:2],
@@ -133,7 +114,11 @@ QUANTITIES = {
         irreducible,
         exact_hitting_matrix,
     ),
-    "kemeny_constant": (markov.kemeny_constant, irreducible, exact_kemeny),
+    "kemeny_constant": (
+        markov.kemeny_constant,
+        irreducible,
+        lambda P: [exact_chains.kemeny(P)],
+    ),
     "value_iteration": (
         lambda chain: optimum(chain).value,
         irreducible,
@@ -188,19 +173,15 @@ def test_derivatives_are_exact(name, seed):
         ahead, behind = (np.asarray(function(P + h * change)) for h in (step, -step))
         truth = (ahead - behind) / (2 * step)
     else:
-        np.testing.assert_allclose(np.ravel(value), as_floats(exact(P)), rtol=1e-12)
+        np.testing.assert_allclose(np.ravel(value), exact_chains.as_floats(exact(P)), rtol=1e-12)
         ends = [exact(P + h * change) for h in (step, -step)]
-        truth = as_floats([(a - b) * fmpq(2**29) for a, b in zip(*ends, strict=True)])
+        truth = exact_chains.as_floats([(a - b) * fmpq(2**29) for a, b in zip(*ends, strict=True)])
     scale = np.abs(truth).max()
     assert np.abs(np.ravel(slope) - np.ravel(truth)).max() <= accuracy * scale
     weight = rng.random(np.shape(value))
     backward = np.asarray(jax.grad(lambda P: jnp.sum(function(P) * weight))(P))
     forward = np.sum(np.asarray(slope) * weight)
     assert np.sum(backward * change) == pytest.approx(forward, rel=1e-9)
-
-
-def as_floats(numbers):
-    return np.array([float(Fraction(int(x.p), int(x.q))) for x in numbers])
 
 
 @pytest.mark.parametrize("name", QUANTITIES)
@@ -215,36 +196,6 @@ def test_batches_equal_loops(name):
     for value, matrix in zip(found, batch, strict=True):
         alone = quantity(Chain.from_scipy(matrix))
         np.testing.assert_allclose(value, alone, rtol=1e-13, atol=1e-15)
-
-
-def test_batches_may_have_several_patterns():
-    rng = np.random.default_rng(1)
-    chains = [Chain.from_scipy(irreducible(rng)) for _ in range(4)]
-    branches = max(len(chain.image) for chain in chains)
-    own = np.arange(CELLS, dtype=np.int32)
-    batch = jax.tree.map(
-        lambda *parts: np.stack(parts),
-        *[
-            Chain(
-                np.vstack([chain.image, np.tile(own, (branches - len(chain.image), 1))]),
-                np.vstack([chain.probability, np.zeros((branches - len(chain.image), CELLS))]),
-            )
-            for chain in chains
-        ],
-    )
-
-    @jax.jit
-    @jax.vmap
-    def found(chain):
-        groups = persistent_groups(chain)
-        limiting = markov.limiting_distribution(chain, groups)
-        return limiting.value, groups.count, groups.period[0], markov.mixing_time(chain)
-
-    for chain, value, count, period, mixing in zip(chains, *found(batch), strict=True):
-        groups = persistent_groups(chain)
-        assert (count, period) == (groups.count, groups.period[0])
-        np.testing.assert_allclose(value, markov.limiting_distribution(chain, groups).value)
-        assert mixing == markov.mixing_time(chain)
 
 
 def test_values_and_certificates_are_those_of_the_host():

@@ -13,9 +13,14 @@ from flint import fmpq, fmpq_mat
 
 
 def rational(number):
-    """Convert a float to the rational number that it is."""
-    exact = Fraction(float(number))
+    """Convert a float or a fraction to the rational number that it is."""
+    exact = number if isinstance(number, Fraction) else Fraction(float(number))
     return fmpq(exact.numerator, exact.denominator)
+
+
+def as_floats(numbers):
+    """Round rational numbers to floats, also if parts of them are beyond the range of floats."""
+    return np.array([float(Fraction(int(x.p), int(x.q))) for x in numbers])
 
 
 def solve(matrix, right):
@@ -49,6 +54,25 @@ def ends(matrix, sets):
 def times(matrix, target):
     """Compute the expected number of steps from each cell to a target cell."""
     return [row[-1] for row in ends(matrix, [{target}])]
+
+
+def stationary(matrix):
+    """Compute the stationary distribution."""
+    last = len(matrix) - 1
+    chance = [[rational(p) for p in row] for row in matrix]
+    for i, row in enumerate(chance):
+        row[i] = 1 - sum((p for j, p in enumerate(row) if j != i), fmpq(0))
+    system = [
+        [row[i] - int(i == j) if i < last else fmpq(1) for j, row in enumerate(chance)]
+        for i in range(last + 1)
+    ]
+    return [row[0] for row in solve(system, [[fmpq(0)]] * last + [[fmpq(1)]])]
+
+
+def kemeny(matrix):
+    """Compute Kemeny's constant, the mean time from any cell to a cell of the long run."""
+    share = stationary(matrix)
+    return sum((p * times(matrix, j)[0] for j, p in enumerate(share)), fmpq(0))
 
 
 def conditional_times(matrix, target, other):

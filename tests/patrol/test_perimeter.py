@@ -51,32 +51,6 @@ def test_polynomials_count_all_sequences_of_coins(movement, segments, robots):
     np.testing.assert_allclose(np.tile(found, (robots, 1)), share, atol=1e-14)
 
 
-@pytest.mark.parametrize(
-    ("distance", "time", "movement", "p", "value"),
-    [
-        (8, 5, Movement.BMP, 0.642387, 0.186645),
-        (8, 5, Movement.DNCP, 0.694146, 0.334466),
-        (8, 5, Movement.DCP, 0.680552, 0.246673),
-        (8, 6, Movement.BMP, 0.768589, 0.287211),
-        (8, 6, Movement.DNCP, 0.751558, 0.476697),
-        (8, 6, Movement.DCP, 0.732542, 0.395059),
-        (4, 3, Movement.BMP, 0.5, 0.5),
-        (4, 3, Movement.DNCP, 0.5, 0.5),
-        (4, 3, Movement.DCP, 0.647799, 0.5),
-        (8, 7, Movement.BMP, 0.820613, 0.350514),
-    ],
-)
-def test_maximin_of_small_perimeters(distance, time, movement, p, value):
-    # Found once from the roots of the derivatives and of the differences of the polynomials.
-    polynomials = detection_polynomials(Perimeter(2 * distance, 2, movement), time)
-    solution = maximin(polynomials)
-    assert solution.value == pytest.approx(value, abs=6e-7)
-    one = max(solution.p, 1 - solution.p) if movement is Movement.BMP else solution.p
-    assert one == pytest.approx(p, abs=2e-6)
-    assert solution.value == pytest.approx(at(polynomials, solution.p).min(), abs=1e-13)
-    assert at(polynomials, solution.p)[solution.segment] == pytest.approx(solution.value, abs=1e-9)
-
-
 def test_robots_that_always_go_ahead_detect_in_time():
     for movement in Movement:
         solution = maximin(detection_polynomials(Perimeter(12, 2, movement), 6))

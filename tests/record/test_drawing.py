@@ -5,7 +5,7 @@ import numpy as np
 from hypothesis import given, strategies as st
 
 from jaxcell.automata import Filter, subset_construction
-from jaxcell.record.bounce.filter_drawing import _loop, draw_filter
+from jaxcell.record.bounce.filter_drawing import draw_filter
 
 
 def distances(points):
@@ -73,20 +73,6 @@ def test_of_a_large_filter_the_run_and_some_cycles(hall):
     assert drawing.cycles_left_out == len(hall.filter.cycles) - len(drawn) > 0
     assert len(drawing.state) < 500
     check(drawing, hall.filter)
-
-
-@given(st.integers(1, 1500))
-def test_a_loop_is_closed_and_keeps_its_states_apart(count):
-    loop = _loop(count)
-    assert loop.shape == (count, 2)
-    assert (loop >= -1e-9).all()
-    if count > 1:
-        steps = np.linalg.norm(loop - np.roll(loop, 1, axis=0), axis=1)
-        assert steps.max() < 2.3
-    if count <= 400 and count > 1:
-        apart = distances(loop)
-        np.fill_diagonal(apart, np.inf)
-        assert apart.min() > 0.69
 
 
 @given(st.data())

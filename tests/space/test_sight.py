@@ -104,14 +104,6 @@ def test_a_centre_is_visible_if_the_segment_to_it_is_free(room, reach):
     np.testing.assert_array_equal(visible[i, j][clear], expected[clear])
 
 
-@given(slanted_rooms(radii=RADII), st.floats(0.5, 4), st.floats(0, 3))
-def test_a_longer_range_hides_no_cell(room, reach, more):
-    cells = cells_of(room, 0.8)
-    near, far, all_ = (visible_cells(cells, r) for r in (reach, reach + more, np.inf))
-    assert not (near & ~far).any()
-    assert not (far & ~all_).any()
-
-
 def test_all_of_a_cell_has_to_be_in_range():
     cells = cells_among()
     here, beside, across = (cells.index(*p) for p in ((0.5, 0.5), (1.5, 0.5), (1.5, 1.5)))

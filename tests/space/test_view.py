@@ -4,19 +4,17 @@ import math
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, reject, settings, strategies as st
-from hypothesis.extra.numpy import arrays
+from hypothesis import given, reject, strategies as st
 from random_rooms import HUNDREDTHS, cells_of, slanted_rooms
 from shapely import box
 
-from jaxcell.space import Workspace, visible_cells
+from jaxcell.space import Workspace
 from jaxcell.space.view import visibility_polygon
 
 
 ROOM = box(0, 0, 6, 6)
 WALLED = Workspace(ROOM, [box(2, 2, 4, 4)])
 POINTS = st.tuples(HUNDREDTHS, HUNDREDTHS)
-PLACES = arrays(float, (30, 2), elements=st.floats(0, 6), fill=st.nothing())
 
 
 def visible_from(room, point, *reach):
@@ -50,37 +48,6 @@ def test_the_polygon_is_the_environment_without_the_shadows_of_walls(room, point
     for wall in walls:
         expected = shapely.difference(expected, shadow(here, *wall), grid_size=1e-11)
     assert polygon.symmetric_difference(expected).area < 1e-6
-
-
-@given(slanted_rooms(), POINTS, PLACES)
-def test_a_point_is_in_the_polygon_if_the_segment_to_it_is_free(room, point, there):
-    polygon, environment = visible_from(room, point)
-    lines = shapely.linestrings(np.stack([np.broadcast_to(point, there.shape), there], axis=1))
-    surely, maybe = (environment.buffer(margin) for margin in (-1e-6, 1e-6))
-    covered = shapely.covers(surely, lines)
-    inside = shapely.contains_xy(polygon, there)
-    clear = shapely.distance(polygon.boundary, shapely.points(there)) > 1e-5
-    assert inside[covered & clear].all()
-    assert not inside[~shapely.covers(maybe, lines) & clear].any()
-
-
-@given(slanted_rooms(), st.floats(0.7, 6))
-@settings(max_examples=20)
-def test_a_cell_is_wholly_visible_if_the_polygon_covers_its_free_part(room, reach):
-    cells = cells_of(room, 0.9)
-    x, y, _ = cells.centre(np.arange(cells.positions))
-    squares = box(x - 0.45, y - 0.45, x + 0.45, y + 0.45)
-    free = shapely.intersection(cells.workspace.environment, squares)
-    visible = visible_cells(cells, reach)
-    for i in range(0, cells.positions, 5):
-        # Chords miss a little of the range.
-        least, most = (
-            visibility_polygon(cells.workspace, (x[i], y[i]), reach * more)
-            for more in (1.0, 1.0013)
-        )
-        unseen, still = (shapely.area(shapely.difference(free, p)) for p in (least, most))
-        assert visible[i][unseen < 1e-11].all()
-        assert not visible[i][still > 1e-6].any()
 
 
 def test_polygons_have_known_areas():

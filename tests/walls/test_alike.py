@@ -58,40 +58,6 @@ def test_alike_poses_of_a_pinwheel_are_those_turned_about_its_centre(headings, p
     assert (alike.extent > 2.0).all()
 
 
-def test_alike_poses_have_equal_runs_by_other_rays():
-    """The room has no symmetry, and turns by 45 degrees alone do not tell all its places apart."""
-    room = space.Workspace([(0, 0), (7, 0), (7, 2.5), (3, 2.5), (3, 6), (0, 6)])
-    rng = np.random.default_rng(4)
-    start = rays.anywhere(room.free_space, 60, rng)
-    heading = rng.integers(8, size=60) * np.pi / 4
-    boundary, angle = walls.Boundary.of(room), math.radians(135)
-    alike = walls.alike_poses(boundary, 8, [angle], start, heading)
-    own = rays.drive(room.free_space, start, heading, [angle] * 3)
-    several = np.bincount(alike.poses.robot, minlength=60) > 1
-    assert 0 < several.sum() < 60
-    poses = alike.poses.take(several[alike.poses.robot])
-    place = boundary.point(poses.wall, (poses.begin + poses.end) / 2)
-    toward = poses.slice * math.pi / 4 + angle
-    inward = place + 1e-7 * boundary.normal[poses.wall]
-    runs = rays.drive(room.free_space, inward, toward, [angle])
-    np.testing.assert_allclose(runs.length[0], own.length[1][poses.robot], atol=1e-5)
-
-
-def test_two_poses_are_alike_by_one_angle_and_not_by_two():
-    """East and West every run has 6 m at both heights, but the ways North to (6, 1) differ."""
-    boundary = walls.Boundary.of(L_ROOM)
-    start = np.array([[1.0, 0.25]]), np.array([0.0])
-    other = np.array([[6.0, 0.75]])
-
-    def found(*angles):
-        poses = walls.alike_poses(boundary, 4, np.radians(angles).tolist(), *start).poses
-        return holds(boundary, poses, 0, 0, other[0])
-
-    assert found(180.0)
-    assert not found(180.0, 90.0)
-    assert not found(90.0)
-
-
 def holds(boundary, poses, robot, slice_, point):
     """Check whether the class of a robot has a pose at a point, to 50 nanometres."""
     mine = poses.take((poses.robot == robot) & (poses.slice == slice_))

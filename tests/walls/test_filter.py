@@ -156,15 +156,6 @@ def test_a_bump_turns_a_grazing_robot_by_any_part_of_its_largest_turn():
     np.testing.assert_allclose(largest, [-0.1, 0.1])
 
 
-@pytest.mark.parametrize("name", ["lab_a", "lab_b"])
-def test_sets_hold_the_robots_of_exact_arithmetic(name):
-    """Starts are rational and runs exact, so that no rounding can explain a lost robot."""
-    workspace = load(name)
-    rng = np.random.default_rng(7)
-    points = rays.anywhere(workspace.free_space, 12, rng).round(3)
-    follow_exactly(workspace, points, [3] * 9, rng)
-
-
 def follow_exactly(workspace, points, turns, rng):
     """Follow robots in exact arithmetic; `turns` counts eighths of a circle."""
     exact = rays.ExactRoom(workspace.free_space.simplify(0))

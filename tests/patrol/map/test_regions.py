@@ -1,7 +1,7 @@
 import networkx
 import numpy as np
 import pytest
-from graphs import network_of, on_map
+from graphs import network_of
 from hypothesis import assume, given, strategies as st
 
 from jaxcell.optimize import Graph
@@ -77,20 +77,6 @@ def test_regions_of_random_rooms(seed, share, robots):
         assert str(error).startswith(("regions: ", "robots: "))
         return
     check_partition(graph, regions)
-
-
-@pytest.mark.parametrize("robots", [1, 2, 3, 4, 6])
-def test_regions_of_the_harbour(robots):
-    graph, visible = on_map("harbour", 6.0)
-    base = base_station(graph, visible)
-    regions = angular_regions(graph, base, visible[base], robots)
-    check_partition(graph, regions)
-    outside = ~visible[base]
-    # Here the repair needs no way through the view.
-    patrolled = set(np.flatnonzero(outside).tolist()) | rim(graph, base, visible[base])
-    assert set(np.flatnonzero(regions.region >= 0).tolist()) == patrolled
-    counts = np.bincount(regions.region[outside])
-    assert counts.max() - counts.min() < 60
 
 
 def test_equal_sectors_open_counter_clockwise():

@@ -30,18 +30,6 @@ STAR = Graph([[0, 1], [0, 2], [0, 3]])
 TIMES = np.array([1, 3, 2, 1])
 
 
-@pytest.mark.parametrize("stay", [False, True])
-@pytest.mark.parametrize("times", [None, TIMES])
-@pytest.mark.parametrize("attack", [6, np.array([3, 6, 1, 5])])
-def test_capture_against_all_walks(stay, times, attack):
-    among = ChainPolytope.on(KITE, stay=stay)
-    matrix = among.matrix(among.starts(2, 1, 0)[1, 0])
-    found = walk_capture_probabilities(KITE, matrix, attack, times)
-    delays = delays_of(KITE, 1 if times is None else times)
-    expected = by_walks(matrix, delays, np.broadcast_to(attack, 4))
-    np.testing.assert_allclose(found, expected, atol=1e-14)
-
-
 def visited_in(walk, times, here, goal, left):
     """The probability that a walk from `here` visits `goal` within a time, by all its moves."""
     return sum(

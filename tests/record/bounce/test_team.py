@@ -25,15 +25,6 @@ def recorded(lab, team):
     return read_back(team, {"seed": 0})
 
 
-def test_the_dataset_has_the_first_visit_of_each_position(lab, team):
-    visits = dataset(team)
-    position = team.cell % lab.cells.positions
-    for place in range(lab.cells.positions):
-        time, robot = int(visits.first_visit[place]), int(visits.first_visitor[place])
-        assert position[time, robot] == place
-        assert not (position[:time] == place).any()
-
-
 def test_positions_without_a_visit_are_marked(lab):
     team = team_trajectory(lab.cells, [0], BOUNCE, max_parts=1, part_steps=2)
     assert team.outcome is TeamOutcome.OUT_OF_PARTS

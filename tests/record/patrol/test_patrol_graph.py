@@ -6,7 +6,6 @@ import pytest
 from changed_results import changed
 from recordings import packed, read_back
 from scipy.spatial.distance import cdist
-from walks import times_by_solves, walk_on
 
 from jaxcell import bundled
 from jaxcell.mapping import Chain
@@ -62,23 +61,6 @@ def test_the_text_names_strategy_attack_and_capture(eight):
     assert "The strategy is **capture**." in text
     assert "An attack takes **4 steps**." in text
     assert f"**{patrol_with_capture.captured[place]:.3f}**, at vertex {eight[1][place]}." in text
-
-
-def test_the_dataset_holds_the_walk(eight, weights, patrol):
-    graph, names = eight
-    times = times_by_solves(walk_on(graph, weights))
-    data = dataset(patrol)
-    np.testing.assert_allclose(data.hitting_time, times, rtol=1e-9)
-    np.testing.assert_allclose(data.commute_time, times + times.T, rtol=1e-9)
-    np.testing.assert_allclose(data.mean_time_to, times.sum(axis=0) / 7)
-    np.testing.assert_allclose(data.weight, weights, atol=1e-12)
-    assert data.edges_used == (weights > 1e-6).sum()
-    assert data.ends.values.tolist() == [[names[i], names[j]] for i, j in graph.edges.tolist()]
-    np.testing.assert_allclose(
-        data.probabilities[:, 0],
-        data.transition.sel(start=data.ends[:, 0], target=data.ends[:, 1]),
-    )
-    np.testing.assert_array_equal(np.stack([data.x, data.y], axis=1), graph.xy)
 
 
 def test_names_are_numbers_and_positions_may_be_missing():

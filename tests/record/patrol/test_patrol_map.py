@@ -5,7 +5,6 @@ import jax
 import numpy as np
 import pytest
 import shapely
-import xarray as xr
 from changed_results import changed
 from recordings import packed, read_back
 
@@ -13,7 +12,7 @@ from jaxcell.optimize import Graph
 from jaxcell.patrol import Attack, Capture, capture_policies, vulnerability
 from jaxcell.patrol.map import capture_frontier
 from jaxcell.patrol.map.intruder import AttackState, simulate_attacks
-from jaxcell.record import dataset, save_dataset
+from jaxcell.record import dataset
 from jaxcell.record.canvas.palette import CATEGORIES, KNOWN, PLAIN
 from jaxcell.space import CellSpace, Workspace, visibility_polygon
 from jaxcell.study import PatrolMap
@@ -58,29 +57,6 @@ def places(patrol, recording, entity):
     shown = recording.over("step", entity, "Points2D:positions")
     x, y = np.concatenate(list(shown.values())).T
     return patrol.cells.index(x.astype(float), y.astype(float)) % patrol.cells.positions
-
-
-def test_the_dataset_holds_the_walks_and_a_map_of_capture(alone, tmp_path):
-    file = tmp_path / "patrol.nc"
-    save_dataset(dataset(alone), file)
-    with xr.open_dataset(file) as data:
-        np.testing.assert_array_equal(np.stack([data.x, data.y], axis=1), alone.xy)
-        for robot, policy in enumerate(alone.policies):
-            cover = data.cover.values[robot]
-            np.testing.assert_array_equal(cover[cover >= 0], policy.cover)
-            np.testing.assert_array_equal(data.weight[robot], policy.weights)
-            # The walk can be rebuilt from its branches.
-            P = np.zeros((alone.cells.positions,) * 2)
-            for image, chance in zip(data.image[robot], data.probability[robot], strict=True):
-                used = image.values >= 0
-                np.add.at(P, (np.flatnonzero(used), image.values[used]), chance.values[used])
-            np.testing.assert_allclose(P, policy.chain.to_scipy().toarray(), atol=1e-15)
-        law = alone.attack.fit.law
-        fitted = [float(data[f"attack_fit_l{i}"]) for i in (1, 2, 3, 4)]
-        assert fitted == pytest.approx([law.l1, law.l2, law.l3, law.l4])
-        assert "regions_region" not in data
-        picture = data.captures_probability.set_index(position=("y", "x")).unstack()
-        assert float(picture.sel(attack_time=6, x=1.5, y=1.5)) == alone.captures.probability[0, 0]
 
 
 @pytest.mark.parametrize(
