@@ -70,7 +70,7 @@ for place in (
 assert_type(found, bounce.BounceGroups)
 assert_type(found.longest_period, np.ndarray)
 assert_type(found.step, np.ndarray)
-cover = study.Cover(map=room, bounces=(45.0, 90.0), error=45.0, reliability=0.8).run()
+cover = study.Cover(map=room, bounce=(45.0, 90.0), errors={"turn": 45.0}, reliability=0.8).run()
 assert_type(cover.total_variation, float)
 study.Drift(file=currents).run()
 study.PatrolGraph(file=nx.star_graph(3)).run()
