@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..base.bundled import with_path
 from ..base.results import result_folder
 from ..study import (
     Cover,
@@ -43,7 +42,7 @@ class Demo:
             from .. import record  # noqa: F401
         for number, stop in enumerate(STOPS, start=1):
             note(f"{number}/{len(STOPS)} {stop.title}\n    {stop.line}")
-            command = parsed(command_of(stop.study), stop.study.command, stop.words)
+            command = parsed(command_of(stop.study), stop.study.command, stop.options.split())
             with stdout_on_stderr():
                 result, summary = command.answer()
                 sentences = stop.sentences(result)
@@ -70,10 +69,6 @@ class Stop:
     options: str
     sentences: Callable[[Any], Sequence[str]]
     "A function that describes the result in sentences."
-
-    @property
-    def words(self) -> list[str]:
-        return [with_path(word) for word in self.options.split()]
 
     @property
     def line(self) -> str:

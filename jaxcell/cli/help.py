@@ -20,9 +20,9 @@ from ..study.parameters import Needed, Only, Unit, conditions, inside, listed, p
 
 
 _ABOUT = """Compute the global behaviour of simple robots by cell-to-cell mapping. A map, a graph or
-currents are a file, or a name such as @lab_a, which `jaxcell maps` lists. The option
---memory 8G of any command refuses work that needs more memory in one process, by an estimate before
-it starts; work that needs less than 20 MB is never refused.
+currents are a file, or a name such as @lab_a, which `jaxcell maps` lists. Numbers may have units:
+45deg, 50cm, 2h, 2%. The option --memory 8G of any command refuses work that needs more memory in
+one process, by an estimate before it starts; work that needs less than 20 MB is never refused.
 
 Exit status: 0 done, 1 the task has no answer or --verify found a difference, 2 bad input."""
 _UNITS = {"d": "DAYS", "deg": "DEG", "m": "M", "s": "S"}
@@ -83,7 +83,9 @@ def overview(commands: Mapping[str, type], group: str = "") -> NoReturn:
     for name, kind in commands.items():
         sentence = re.split(r"(?<=[a-z)])[.;] ", " ".join((kind.__doc__ or "").split()))[0]
         table.add_row(name, sentence.rstrip("."))
-    Console(highlight=False).print("\nCommands; each takes --help:\n", table, sep="\n")
+    Console(highlight=False).print(
+        "\nCommands; `jaxcell help COMMAND` describes one:\n", table, sep="\n"
+    )
     sys.exit(0)
 
 

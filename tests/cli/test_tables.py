@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import json
 import re
 from typing import Annotated, ClassVar
 
@@ -140,3 +141,15 @@ def test_tables_of_commands_are_whole(line, width, monkeypatch, capsys):
     assert rows
     assert all(row[-1] == right[row[0]] for row in rows)
     assert not any("seconds" in row for row in rows)
+
+
+def test_the_answer_names_each_pose_where_the_robot_may_be(capsys):
+    words = ["localize", "@lab_a", "--bounce", "45", "--start", "19"]
+    assert main([*words, "--json"]) == 0
+    ends = json.loads(capsys.readouterr().out)["candidates"]
+    assert main(words) == 0
+    answer = capsys.readouterr().out.splitlines()[0]
+    of = [[one[f"candidate_{name}"] for name in ("x", "y", "theta_deg")] for one in ends]
+    poses = [f"{x:g} m, {y:g} m, heading {theta:g}°" for x, y, theta in of]
+    assert len(poses) == 3
+    assert all(pose in answer for pose in poses)

@@ -22,7 +22,6 @@ from falling_stone import Drop
 from matplotlib import pyplot
 from rerun.chunk import RrdReader
 
-from jaxcell.base.bundled import with_path
 from jaxcell.base.formatting import format_value
 from jaxcell.base.quantities import columns, is_single, parts, summarized, values
 from jaxcell.cli import main
@@ -95,7 +94,7 @@ def case(tmp_path_factory, few_drifters):
         kind, words = study_of(name), shlex.split(CASES[name])
         command = command_of(kind, kind.command or kind.task)
         out = tmp_path_factory.mktemp("out")
-        given = [*map(with_path, words), "--out", str(out), "--verify"]
+        given = [*words, "--out", str(out), "--verify"]
         study = parsed(command, name, given).question
         with contextlib.redirect_stdout(io.StringIO()) as printed:
             assert parsed(command, name, [*given, "--json"]).run() == 0
