@@ -1,12 +1,11 @@
 """Checks of numbers in arguments; each raises a `ValueError` that names the wrong number."""
 
 import numbers
+import reprlib
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-
-from ..base.indices import as_array
 
 
 # Tolerance of the sum of a distribution.
@@ -37,7 +36,11 @@ def one_each(
     name: str, values: Any, count: int, what: str, *, zero: bool = False
 ) -> Float[np.ndarray, "count"]:
     """Return `count` numbers > 0, or >= 0 if `zero`; errors contain `what`, such as "per edge"."""
-    array = np.array(as_array(values, name), np.float64)
+    try:
+        array = np.array(values, np.float64)
+    except ValueError:
+        got = reprlib.repr(values)
+        raise ValueError(f"{name}: expected {count} numbers, one {what}, got {got}") from None
     if array.shape != (count,):
         raise ValueError(f"{name}: expected {count} numbers, one {what}, got {list(array.shape)}")
     fits = (array >= 0) if zero else (array > 0)
