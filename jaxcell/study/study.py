@@ -2,7 +2,7 @@ import contextlib
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
@@ -11,7 +11,7 @@ from ..base.bundled import with_path
 from ..base.paths import digest, existing, files_read, name_in_results
 from ..base.quantities import Result
 from ..base.wide import widened
-from .parameters import Unit, check, inside, parameters, within, without_effect
+from .parameters import Headings, Unit, check, inside, parameters, within, without_effect
 
 
 if TYPE_CHECKING:
@@ -46,10 +46,8 @@ class Study:
     "Options of the command in the example on its help page."
     task: ClassVar[str] = ""
     "Name of the task in specifications of sweeps; empty for a study that is not a built-in task."
-    one_of: ClassVar[tuple[str, ...]] = ()
-    "Parameters, at least one of which is needed."
-    headings: ClassVar[Mapping[str, tuple[str, ...]]] = {}
-    "Parameters under each heading of the help page; the others are in its first part."
+    headings: ClassVar[Headings] = {}
+    "Parameters that are not in the first part of the help page, by the heading of their part."
     batch: ClassVar[str | None] = None
     """Name of a parameter with several values, which is also a dimension of the result. Members of
     a sweep that differ only in this parameter run as one study."""
