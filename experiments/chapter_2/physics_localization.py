@@ -68,7 +68,7 @@ FILTER, PARTICLES, POLICY = "filter, 135°", "particles, 135°", "policy, 45° a
 PLAIN, BELIEF, ANYWHERE = "belief, slip only", "belief, calibrated", "sets, from anywhere"
 FINE, KNOWING = "belief, calibrated, fine", "sets, from anywhere, calibrated"
 ANGLES = ["--bounce", "45", "135"]
-PLAINLY = ["slip", *ANGLES, "--errors", f"slip={SLIP}"]
+PLAINLY = [*ANGLES, "--errors", f"slip={SLIP}"]
 CALIBRATED = [*PLAINLY, f"bump_turn={BUMP_TURN}", f"bump_skid={BUMP_SKID}"]
 FROM_ANYWHERE = "anywhere --bounce 45 100 135 --heading unknown --measured --robots 1 --radius 0.5"
 ESTIMATORS = {
@@ -158,7 +158,8 @@ def make(name: str, estimator: str, out: Path) -> Path:
     options, file = ESTIMATORS[estimator]
     folder = out / "files" / f"{name}, {estimator}"
     if not (folder / file).exists():
-        command = [sys.executable, "-m", "jaxcell", "localize", str(MAPS / f"{name}.json")]
+        kind = {"belief.jxb": ["slip"], "anywhere.json": ["anywhere"]}.get(file, [])
+        command = [sys.executable, "-m", "jaxcell", "localize", *kind, str(MAPS / f"{name}.json")]
         command += [*options, "--robot-radius", str(RADIUS), "--out", str(folder)]
         # The exit status is 1 for a policy that cannot distinguish all cells.
         subprocess.run(command, check=False, capture_output=True)

@@ -4,18 +4,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
+from .. import study
 from ..base.results import result_folder
-from ..study import (
-    Cover,
-    Drift,
-    Groups,
-    Localize,
-    Navigate,
-    NavigateAnywhere,
-    PatrolGraph,
-    Study,
-    Team,
-)
 from .output import write_text
 from .startup import starting
 from .study_command import command_of
@@ -65,7 +55,7 @@ class Demo:
 class Stop:
     folder: str
     title: str
-    study: type[Study]
+    study: type[study.Study]
     options: str
     sentences: Callable[[Any], Sequence[str]]
     "A function that describes the result in sentences."
@@ -160,7 +150,7 @@ STOPS = (
     Stop(
         "home",
         "A robot is put down anywhere and comes home by its bumps",
-        NavigateAnywhere,
+        study.NavigateAnywhere,
         "@complex --bounce 45 100 135 --goal 1,1 --heading unknown "
         "--errors run=2% distance=5cm turn=1deg --measured --robots 20 --bumps 25",
         _home,
@@ -168,49 +158,49 @@ STOPS = (
     Stop(
         "groups",
         "Where a robot ends that turns by one angle at each wall",
-        Groups,
+        study.Groups,
         "@complex --bounce 90",
         _groups,
     ),
     Stop(
         "localize",
         "A robot with a bump sensor and a clock finds out where it is",
-        Localize,
+        study.Localize,
         "@lab_a --bounce 45 135",
         _localized,
     ),
     Stop(
         "navigate",
         "It chooses an angle at each bump to get to a goal",
-        Navigate,
+        study.Navigate,
         "@complex --bounce 90 180 --start 0.5,1.5,0 --goal 15.5,12.5,90",
         _navigated,
     ),
     Stop(
         "cover",
         "It divides its time among imprecise bounces to cover a room evenly",
-        Cover,
+        study.Cover,
         "@complex --directions 72 --bounce 80 125 335 --errors turn=5deg --reliability 0.8",
         _covered,
     ),
     Stop(
         "team",
         "Four robots cover the room together",
-        Team,
+        study.Team,
         "@complex --robots 4 --bounce 135",
         _team,
     ),
     Stop(
         "patrol",
         "A patroller mixes walks against an adversary who knows the mixture",
-        PatrolGraph,
+        study.PatrolGraph,
         "@eight --game",
         _game,
     ),
     Stop(
         "drift",
         "Where a current carries drifters, and where to drop them",
-        Drift,
+        study.Drift,
         "@gyres --depths 0 --duration 7200 --current mean",
         _drifted,
     ),

@@ -31,10 +31,9 @@ from .bounce.anywhere import (
 )
 from .bounce.cover import Cover as Cover
 from .bounce.groups import Groups as Groups
-from .bounce.localize import Localize as Localize
-from .bounce.navigate import Navigate as Navigate, Plans as Plans
+from .bounce.localize import Localize as Localize, LocalizeSlip as LocalizeSlip
+from .bounce.navigate import Navigate as Navigate, NavigateSlip as NavigateSlip, Plans as Plans
 from .bounce.rooms import Rooms as Rooms
-from .bounce.slip import LocalizeSlip as LocalizeSlip, NavigateSlip as NavigateSlip
 from .bounce.team import Team as Team
 from .drift.drift import Drift as Drift
 from .drift.observed_drifters import Drifters as Drifters

@@ -1,7 +1,6 @@
 import dataclasses
 import functools
 import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias
 
@@ -10,7 +9,7 @@ import tyro
 from .. import space
 from ..base import memory
 from ..base.limits import Collision, Unknown
-from .parameters import AtLeastOne, Length, Limit, Metres
+from .parameters import AtLeastOne, Headings, Length, Limit, Metres
 from .study import Study, about, numbers
 
 
@@ -31,7 +30,7 @@ DIRECTION_DEG = 0.01
 class CellStudy(Study):
     """Base class of studies on the cells of a map."""
 
-    headings: ClassVar[Mapping[str, tuple[str, ...]]] = {"map": ("cell", "unknown")}
+    headings: ClassVar[Headings] = {"map": ("cell", "unknown")}
 
     map: tyro.conf.Positional[Annotated[RoomLike, tyro.conf.arg(constructor=Path)]] = (
         dataclasses.field(kw_only=False)
@@ -113,9 +112,7 @@ class CellStudy(Study):
 class RobotStudy(CellStudy):
     """Base class of studies of a robot on a map, for which all of a step must be free."""
 
-    headings: ClassVar[Mapping[str, tuple[str, ...]]] = {
-        "robot": ("directions", "robot_radius", "step")
-    }
+    headings: ClassVar[Headings] = {"robot": ("directions", "robot_radius", "step")}
 
     directions: AtLeastOne | None = None
     """Number of directions in which the robot can drive; by default as the map suggests, or 8."""
@@ -158,7 +155,7 @@ class RobotStudy(CellStudy):
 class MapStudy(RobotStudy):
     """Base class of studies of a bouncing robot on a map."""
 
-    headings: ClassVar[Mapping[str, tuple[str, ...]]] = {"robot": ("collision",)}
+    headings: ClassVar[Headings] = {"robot": ("collision",)}
 
     collision: Collision = "swept"
     """Part of a step that must be free: all (swept), or only its end, as in Alam 2018

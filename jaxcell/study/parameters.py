@@ -23,11 +23,13 @@ import dataclasses
 import enum
 import functools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, TypeAlias, TypeVar, get_type_hints
 
 
 Kind = TypeVar("Kind")
+Headings: TypeAlias = Mapping[str, tuple[str, ...]]
+"""Names of parameters by the heading of the help page under which they are."""
 
 
 class Count(enum.Enum):

@@ -12,7 +12,7 @@ from ..base.bundled import with_path
 from ..base.paths import digest, existing, files_read, name_in_results
 from ..base.quantities import Quantity, Result, values
 from ..base.wide import widened
-from .parameters import Unit, check, inside, parameters, within, without_effect
+from .parameters import Headings, Unit, check, inside, parameters, within, without_effect
 
 
 if TYPE_CHECKING:
@@ -58,13 +58,11 @@ class Study:
     "Options of the command in the example on its help page."
     task: ClassVar[str] = ""
     "Name of the task in specifications of sweeps; empty for a study that is not a built-in task."
-    one_of: ClassVar[tuple[str, ...]] = ()
-    "Parameters, at least one of which is needed."
     varied: ClassVar[tuple[str, ...]] = ()
     """Parameters of single numbers. Members of a sweep that differ only in them are computed
     together, by `numbers`."""
-    headings: ClassVar[Mapping[str, tuple[str, ...]]] = {}
-    "Parameters under each heading of the help page; the others are in its first part."
+    headings: ClassVar[Headings] = {}
+    "Parameters that are not in the first part of the help page, by the heading of their part."
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()

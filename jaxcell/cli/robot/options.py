@@ -2,14 +2,13 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
 from ...study.errors import ErrorTexts
-from ...study.parameters import AtLeastOne, Degrees, Limit, Metres, Only
+from ...study.parameters import AtLeastOne, Degrees, Headings, Limit, Metres, Only
 from ..output import Printing
 
 
@@ -25,7 +24,7 @@ _EMULATED_WITHOUT_PHYSICS = Only(simulate=True, physics=False)
 class RunOptions(Printing):
     """The options of a run of a task on a robot."""
 
-    headings: ClassVar[Mapping[str, tuple[str, ...]]] = {
+    headings: ClassVar[Headings] = {
         "driving": ("steps", "tolerance", "turn_tolerance", "speed", "calibration", "remap"),
         "emulation": ("errors", "give", "physics", "friction", "speedup", "seed"),
         "run": ("limit", "until", "visits", "bumps"),

@@ -3,7 +3,6 @@
 import dataclasses
 import math
 import warnings
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -11,7 +10,7 @@ from ... import bounce as bouncing, space, walls
 from ...base.quantities import Result
 from ..errors import ErrorTexts, read_errors
 from ..map_study import DIRECTION_DEG, RobotStudy
-from ..parameters import AtLeastOne, Count, Degrees, Length, Limit, Only
+from ..parameters import AtLeastOne, Count, Degrees, Headings, Length, Limit, Only
 from ..study import Say, about, numbers, radians, silent
 
 
@@ -24,7 +23,7 @@ _SEVERAL = Only(bounce=Count.SEVERAL)
 class AnywhereStudy(RobotStudy):
     """Base class of studies whose robots may start anywhere, not only at the centres of cells."""
 
-    headings: ClassVar[Mapping[str, tuple[str, ...]]] = {
+    headings: ClassVar[Headings] = {
         "robot": ("heading", "errors", "measured"),
         "simulation": ("robots", "bumps", "radius", "slices", "seed"),
     }

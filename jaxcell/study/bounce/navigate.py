@@ -4,6 +4,7 @@ from typing import Annotated, Any, ClassVar, TypeAlias
 
 from ... import bounce as bouncing, space, verify as verification
 from ...base.quantities import Result
+from ..errors import ErrorTexts, read_errors
 from ..map_study import MapStudy, RobotStudy, cell_at
 from ..parameters import Degrees, Limit
 from ..study import Say, radians, renamed, silent
@@ -89,6 +90,39 @@ class Navigate(WayStudy, MapStudy):
 
     def run(self, say: Say = silent) -> Result:
         return self.plan(say)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class NavigateSlip(WayStudy):
+    """Find the probability that the plan of a robot that slips succeeds, and a policy that surely
+    reaches the goal, if there is one."""
+
+    name: ClassVar[str] = "navigation"
+    command: ClassVar[str] = "navigate slip"
+    example: ClassVar[str] = "@lab_a --bounce 45 135 --start 0 --goal 60 --errors slip=2%"
+    task: ClassVar[str] = "navigate slip"
+
+    errors: ErrorTexts
+    """Error slip=2%: the common standard deviation of the relative errors of a step and of a turn,
+    and of the drift of the heading in radians per metre."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._slip()
+
+    def _slip(self) -> float:
+        return read_errors(self.errors, ("slip",), needed="slip")["slip"]
+
+    def needed(self, extent: "space.Extent") -> float | int:
+        from ...bounce.slip.fine_cells import most_cells, needed
+
+        fine = needed(most_cells(self._slip()), angles=len(self.bounce))
+        return super().needed(extent) + fine
+
+    def run(self, say: Say = silent) -> Result:
+        from .slipped_plan import slipped_plan
+
+        return slipped_plan(self.plan(say), self._slip(), self.bounce, self.step, say)
 
 
 def _whole(cost: float) -> int | float:

@@ -2,7 +2,6 @@ import contextlib
 import dataclasses
 import functools
 import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -10,7 +9,7 @@ import tyro
 
 from ... import drift, record, space
 from ...base import memory
-from ..parameters import AtLeastOne, Days, Duration, Length, Limit, Metres, Only, Share
+from ..parameters import AtLeastOne, Days, Duration, Headings, Length, Limit, Metres, Only, Share
 from ..study import Say, about, numbers, silent
 from .sea_study import SeaStudy, Source
 
@@ -33,18 +32,10 @@ class Drift(SeaStudy):
     command: ClassVar[str] = "drift"
     example: ClassVar[str] = "@gyres --depths 0 --out runs/drift"
     task: ClassVar[str] = "drift"
-    headings: ClassVar[Mapping[str, tuple[str, ...]]] = {
+    headings: ClassVar[Headings] = {
         "current": ("grid", "time", "current", "variables", "windage", "stokes", "land", "gaps"),
         "step": ("duration", "method", "rho", "spread", "edge", "coast", "diffusivity"),
-        "further": (
-            "until",
-            "drifters",
-            "after",
-            "resuspension",
-            "search",
-            "discount",
-            "seed",
-        ),
+        "further": ("until", "drifters", "after", "resuspension", "search", "discount", "seed"),
     }
 
     file: tyro.conf.Positional[Source] = dataclasses.field(kw_only=False)

@@ -1,5 +1,5 @@
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
@@ -9,7 +9,7 @@ from ... import optimize, patrol, space, verify as verification
 from ...base import memory
 from ...base.limits import MAX_VERTICES
 from ...base.secondary import Secondary
-from ..parameters import AtLeastOne, Limit, Needed, Only, Share
+from ..parameters import AtLeastOne, Headings, Limit, Needed, Only, Share
 from ..study import Say, Study, silent
 
 
@@ -40,16 +40,9 @@ class PatrolGraph(Study):
     command: ClassVar[str] = "patrol graph"
     example: ClassVar[str] = "@random --robots 2"
     task: ClassVar[str] = "patrol"
-    headings: ClassVar[Mapping[str, tuple[str, ...]]] = {
-        "walk": (
-            "share",
-            "constraints",
-            "paths",
-            "attack_times",
-            "memory_states",
-            "values",
-            "time_unit",
-        ),
+    headings: ClassVar[Headings] = {
+        "walk": ("share", "constraints", "paths", "memory_states"),
+        "attack": ("attack_times", "values", "time_unit"),
         "team": ("division", "base", "charger", "every", "baselines"),
     }
 

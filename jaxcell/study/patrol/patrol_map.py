@@ -1,5 +1,5 @@
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
@@ -7,7 +7,7 @@ from ... import optimize, patrol, space, verify as verification
 from ...base.limits import MAX_CELLS
 from ...base.secondary import Secondary
 from ..map_study import CellStudy
-from ..parameters import AtLeastOne, Limit, Metres, Needed, Only
+from ..parameters import AtLeastOne, Headings, Limit, Metres, Needed, Only
 from ..study import Say, about, numbers, silent
 
 
@@ -27,7 +27,7 @@ class PatrolMap(CellStudy):
     name: ClassVar[str] = "patrol_map"
     command: ClassVar[str] = "patrol map"
     example: ClassVar[str] = "@depot --robots 2 --range 6"
-    headings: ClassVar[Mapping[str, tuple[str, ...]]] = {
+    headings: ClassVar[Headings] = {
         "team": ("sight", "base_range", "lost"),
         "search": ("randomness", "frontier", "initial_walks"),
         "attack": ("distribution", "runs"),
