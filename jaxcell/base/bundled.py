@@ -32,9 +32,10 @@ def bundled(name: str) -> Path:
         return path
     if (path := _folder() / name).is_file():
         return path
-    near = difflib.get_close_matches(name.removeprefix("@"), names, 1)
-    meant = f"; did you mean {'@' * name.startswith('@')}{near[0]}?" if near else ""
-    raise FileNotFoundError(f"{name}: not among the bundled data of jaxcell{meant}")
+    near = difflib.get_close_matches(name.removeprefix("@").lower(), names, 1)
+    at = "@" * name.startswith("@")
+    meant = f"did you mean {at}{near[0]}?" if near else "`jaxcell maps` lists their names"
+    raise FileNotFoundError(f"{name}: not among the bundled data of jaxcell; {meant}")
 
 
 @functools.cache

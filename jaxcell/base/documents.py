@@ -13,6 +13,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .paths import absent
+
 
 if TYPE_CHECKING:
     import numpy as np
@@ -25,7 +27,7 @@ MAX_NUMBER = 1e9
 def check_file(path: Path, kind: str) -> None:
     """Raise an error if a path is not a file; `kind`, such as `a map`, describes the file."""
     if not path.exists():
-        raise FileNotFoundError(f"{path}: there is no such file")
+        raise absent(path)
     if path.is_dir():
         raise ValueError(f"{path}: expected {kind} file, got a directory")
 

@@ -9,16 +9,21 @@ from .quantity import PADDING, Quantity
 _MAX_TEXT = 60
 # Times of at least this number of hours are written in days.
 _DAYS = 72
+# Seconds or hours in an hour: times of at least an hour are written in hours, days or years.
+_HOURS = {"h": 1, "s": 3600}
 # Times of at least this number of hours are written in years.
 _YEARS = 10 * 24 * 365.25
+# Numbers from here on are written as whole numbers.
+_WHOLE = 1000
 _UNITS = {None: "", "1": "", "degree": "°", "degrees_east": "°", "degrees_north": "°"}
 
 
 def format_value(value: Any, about: Quantity, cells: Any = None) -> str:
     """Format a value with its unit.
 
-    The number of a cell is shown with its pose in `cells`, and another index with a `#`, so that
-    neither is taken for a count. A list of texts is shown whole.
+    Numbers have three digits, but coordinates six. The number of a cell is shown after its pose in
+    `cells`, and another index with a `#`, so that neither is taken for a count. A list of texts is
+    shown whole.
     """
     # Imported here because pages of help do not need NumPy.
     import numpy as np
@@ -32,7 +37,8 @@ def format_value(value: Any, about: Quantity, cells: Any = None) -> str:
         shown = max(1, int(np.searchsorted(lengths, _MAX_TEXT, side="right")))
         shown = len(every) if about.kind == "text" else shown
         rest = [f"and {len(every) - shown:,} more"] if shown < len(every) else []
-        return ", ".join(every[:shown] + rest) or "none"
+        poses = about.kind in ("cell", "position") and cells is not None and len(every) > 1
+        return ("; " if poses and "(" in every[0] else ", ").join(every[:shown] + rest) or "none"
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
     if isinstance(value, str):
@@ -45,7 +51,7 @@ def format_value(value: Any, about: Quantity, cells: Any = None) -> str:
         return "none"
     if about.kind == "place" and cells is not None:
         x, y, _ = cells.centre(int(number))
-        return f"({float(x):zg}, {float(y):zg})"
+        return f"({float(x):zg} m, {float(y):zg} m)"
     if located and cells is not None:
         return configuration(cells, int(number), heading=about.kind == "cell")
     if located:
@@ -55,13 +61,16 @@ def format_value(value: Any, about: Quantity, cells: Any = None) -> str:
     if not math.isfinite(number):
         return "never" if about.kind == "time" else f"{number}"
     if about.kind in ("share", "distribution"):
-        return f"{round(100 * number, 9):z.4g} %"
+        percent = round(100 * number, 9)
+        text = f"{percent:z.3g}"
+        return "over 99.9 %" if text == "100" and percent < 100 else f"{text} %"
     if about.kind == "residual":
         return f"{number:z.1e}"
-    if about.units == "h" and number >= _DAYS:
-        return in_time(number)
-    whole = number == int(number) or (about.kind == "time" and number >= 1e4)
-    digits = 4 if about.kind == "time" else 6
+    if about.units in _HOURS and number >= _HOURS[about.units]:
+        return in_time(number / _HOURS[about.units])
+    precise = about.kind == "coordinate" or str(about.units).startswith("degrees_")
+    whole = number == int(number) or (abs(number) >= _WHOLE and not precise)
+    digits = 6 if precise else 3
     text = f"{round(number):,}" if whole and abs(number) < 1e15 else f"{number:.{digits}g}"
     return text + _UNITS.get(about.units, f" {about.units}")
 
@@ -82,9 +91,10 @@ def in_time(hours: float) -> str:
 
 
 def configuration(cells: Any, z: int, heading: bool = True) -> str:
-    """Format a cell with its centre and its heading, or a position if `heading` is false."""
+    """Format a cell as its pose and its number, or a position if `heading` is false."""
     if z < 0:
         return "none"
     x, y, theta = cells.centre(z)
-    facing = f", {math.degrees(float(theta)):zg}°" if heading else ""
-    return f"{'cell' if heading else 'position'} {z} ({float(x):zg} m, {float(y):zg} m{facing})"
+    facing = f", heading {math.degrees(float(theta)):zg}°" if heading else ""
+    number = f"{'cell' if heading else 'position'} {z}"
+    return f"{float(x):zg} m, {float(y):zg} m{facing} ({number})"

@@ -1,6 +1,7 @@
 """Find files, replace files atomically, compute digests, and shorten file names for results."""
 
 import contextlib
+import difflib
 import glob
 import hashlib
 import os
@@ -28,11 +29,27 @@ def existing(path: str | os.PathLike[str]) -> list[str]:
     if ADDRESS.match(name) or os.path.exists(name):
         return [name]
     if not _WILD.search(name):
-        raise FileNotFoundError(f"{name}: there is no such file")
+        raise absent(name)
     matching = sorted(glob.glob(name, recursive=True))
     if not matching:
         raise FileNotFoundError(f"{name}: no file matches this pattern")
     return matching
+
+
+def absent(path: str | os.PathLike[str]) -> FileNotFoundError:
+    """Return the error for a missing file, with the name of a similar file or of bundled data."""
+    path = Path(path)
+    known, folder = bundled_names(), path.parent
+    if path.stem in known:
+        near = [f"@{path.stem}"]
+    else:
+        beside: list[str] = []
+        with contextlib.suppress(OSError):
+            beside += os.listdir(folder)
+        near = [str(folder / name) for name in difflib.get_close_matches(path.name, beside, 1)]
+        near += [f"@{name}" for name in difflib.get_close_matches(path.stem, known, 1)]
+    meant = f"; did you mean {near[0]}?" if near else ""
+    return FileNotFoundError(f"{os.fspath(path)}: there is no such file{meant}")
 
 
 def files_read(path: Path) -> list[Path]:

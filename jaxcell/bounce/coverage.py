@@ -67,6 +67,12 @@ class CoveragePolicy(Result):
     limiting: tuple[LimitingDistribution, ...]
     "The limiting distribution of each angle over all cells, with its certificate."
 
+    @property
+    def answer(self) -> tuple[str, ...]:
+        shares = zip(np.asarray(self.alpha).tolist(), self.bounce_deg.tolist(), strict=True)
+        used = [f"at {angle:g}° for {100 * share:.3g} %" for share, angle in shares if share > 0]
+        return (f"The best robot bounces {', '.join(used)} of the time.",)
+
     @derived("", "time spent elsewhere than wanted", kind="share")
     def total_variation(self) -> float:
         return float(jnp.abs(self.mixture - self.target).sum() / 2)

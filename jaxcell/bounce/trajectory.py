@@ -83,6 +83,13 @@ class TeamTrajectory(Result):
     def answered(self) -> bool:
         return self.uncovered == 0
 
+    @property
+    def answer(self) -> tuple[str, ...]:
+        robots, visited = self.cell.shape[1], f"{self.positions_covered:,}"
+        of = "all" if self.answered else f"{visited} of"
+        many = "1 robot visits" if robots == 1 else f"{robots:,} robots visit"
+        return (f"{many} {of} {self.cells.positions:,} positions in {self.steps:,} steps.",)
+
     meaning = from_part("outcome.value", "", "reason for the end", kind="text")
 
     @derived("", "steps", kind="count")

@@ -1,6 +1,5 @@
 import dataclasses
 import errno
-import itertools
 import math
 import os
 import re
@@ -9,14 +8,15 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
-from ..base.bundled import with_path
+from ..base.bundled import bundled_names
 from ..base.memory import LIMIT, check_addresses, read_size
+from ..base.paths import absent
 from .completion import OPTION as COMPLETION, print_completion
 from .demo import Demo
 from .docs import Docs
 from .encoding import allow_any_encoding
 from .export import Export
-from .help import as_options, option, overview, parsed, unknown
+from .help import as_options, option, overview, unknown
 from .info import Info
 from .maps import Maps
 from .output import check_out
@@ -32,6 +32,8 @@ from .sweep.view import SweepView
 from .terminal import noting_warnings
 from .verify import Verify
 from .view import View
+from .words import parsed
+from .wrong_file import described_instead
 
 
 # The class of each command, by the words after `jaxcell`, in the order of `jaxcell --help`.
@@ -76,7 +78,8 @@ def _line(error: ValueError | OSError | MemoryError) -> str:
     # Python itself says nothing.
     text = str(error) or "the memory is too little"
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
-        text = f"{error.filename}: {error.strerror}"
+        missing = isinstance(error, FileNotFoundError)
+        text = str(absent(error.filename)) if missing else f"{error.filename}: {error.strerror}"
     text = " ".join(re.sub(r"\[Errno -?\d+\] ", "", text).split())
     text = "".join(letter if letter.isprintable() else "\ufffd" for letter in text)
     return text if len(text) <= _MAX_LETTERS else f"{text[:_MAX_LETTERS]} ..."
@@ -92,7 +95,6 @@ def run(args: Sequence[str]) -> int:
     name = ""
     try:
         args = _limited(args)
-        _refuse_empty(args)
         name, command = read(args)
         check_addresses(
             "JAX"
@@ -110,10 +112,15 @@ def run(args: Sequence[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except (ValueError, OSError, MemoryError) as error:
-        line = _with_option_names(_line(error), command) if name else _line(error)
+        line = _line(error)
+        if name:
+            line = described_instead(name, command, line, COMMANDS)
+            line = _with_option_names(line, command)
         out = getattr(command, "out", getattr(command, "file", None)) if name else None
         if isinstance(error, OSError) and error.errno in _DISK and out and str(out) not in line:
             line = f"{out}: {line}"
+        for bundle, path in bundled_names().items():
+            line = line.replace(str(path), f"@{bundle}")
         print(f"jaxcell {name or _name(args) or args[0]}: {line}", file=sys.stderr)
         return 2
     except ImportError as error:
@@ -124,15 +131,6 @@ def run(args: Sequence[str]) -> int:
             text += "; the memory is too little to load it"
         print(f"jaxcell {name or _name(args) or args[0]}: {text}", file=sys.stderr)
         return 2
-
-
-def _refuse_empty(words: Sequence[str]) -> None:
-    """Refuse an option without a value; an empty path would be the current folder."""
-    for before, word in itertools.pairwise(("", *words)):
-        option, equals, value = word.partition("=")
-        if not word or (option.startswith("--") and equals and not value):
-            name = option or (before if before.startswith("--") else "words of the command")
-            raise ValueError(f"{name}: expected a value, got an empty text")
 
 
 def _limited(args: Sequence[str]) -> list[str]:
@@ -152,6 +150,8 @@ def _limited(args: Sequence[str]) -> list[str]:
 def read(args: Sequence[str]) -> tuple[str, Any]:
     """Parse the words of a command line, and return the name of the command and its options."""
     words = list(args)
+    while words[:1] == ["help"]:
+        words = [*words[1:], "--help"]
     if (command := read_study(words)) is not None:
         return command
     if not (name := _name(words)):
@@ -164,8 +164,7 @@ def read(args: Sequence[str]) -> tuple[str, Any]:
             overview(group, words[0])
         else:
             unknown(words, COMMANDS)
-    rest = words[len(name.split()) :]
-    return name, parsed(COMMANDS[name], name, [with_path(word) for word in rest])
+    return name, parsed(COMMANDS[name], name, words[len(name.split()) :])
 
 
 def _name(words: Sequence[str]) -> str:

@@ -7,11 +7,11 @@ from typing import Any, ClassVar
 from .. import study
 from ..base.bundled import with_path
 from ..base.results import result_folder
-from .help import parsed
 from .output import write_text
 from .startup import starting
 from .study_command import command_of
 from .terminal import note, note_results, stdout_on_stderr
+from .words import parsed
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -20,9 +20,9 @@ from ..study.parameters import Needed, Only, Unit, conditions, inside, listed, p
 
 
 _ABOUT = """Compute the global behaviour of simple robots by cell-to-cell mapping. A map, a graph or
-currents are a file, or a name such as @lab_a, which `jaxcell maps` lists. The option
---memory 8G of any command refuses work that needs more memory in one process, by an estimate before
-it starts; work that needs less than 20 MB is never refused.
+currents are a file, or a name such as @lab_a, which `jaxcell maps` lists. Numbers may have units:
+45deg, 50cm, 2h, 2%. The option --memory 8G of any command refuses work that needs more memory in
+one process, by an estimate before it starts; work that needs less than 20 MB is never refused.
 
 Exit status: 0 done, 1 the task has no answer or --verify found a difference, 2 bad input."""
 _UNITS = {"d": "DAYS", "deg": "DEG", "m": "M", "s": "S"}
@@ -36,28 +36,25 @@ def example(kind: Any, name: str) -> str:
     return f"jaxcell {name} {kind.example}".rstrip()
 
 
-def parsed(kind: Any, name: str, words: Sequence[str]) -> Any:
-    """Parse the options `words` of the command `name` into an instance of its class `kind`."""
+def page(kind: Any, name: str) -> NoReturn:
+    """Print the page of help of the command `name` with the class `kind`, and exit."""
     about = [inspect.cleandoc(kind.__doc__ or "")]
     if one_of := getattr(kind, "one_of", ()):
         about.append(f"Needs {listed(tuple(option(kind, name) for name in one_of))}.")
     about += [f"Example: {example(kind, name)}"] if hasattr(kind, "example") else []
-    found: Any = tyro.cli(
+    tyro.cli(
         displayed(kind),
-        args=list(words),
+        args=["--help"],
         prog=f"jaxcell {name}",
         description="\n\n".join(about),
         config=(tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),
     )
-    values = vars(found)
-    for heading in set(values) - set(parameters(kind)):
-        values = values | vars(values.pop(heading))
-    return kind(**values)
+    raise AssertionError("tyro exits after the page")
 
 
 def option(kind: type, parameter: str) -> str:
     """Return the name of a parameter on the command line."""
-    positional = _is_positional(parameters(kind)[parameter])
+    positional = is_positional(parameters(kind)[parameter])
     return parameter.upper() if positional else f"--{parameter.replace('_', '-')}"
 
 
@@ -86,7 +83,9 @@ def overview(commands: Mapping[str, type], group: str = "") -> NoReturn:
     for name, kind in commands.items():
         sentence = re.split(r"(?<=[a-z)])[.;] ", " ".join((kind.__doc__ or "").split()))[0]
         table.add_row(name, sentence.rstrip("."))
-    Console(highlight=False).print("\nCommands; each takes --help:\n", table, sep="\n")
+    Console(highlight=False).print(
+        "\nCommands; `jaxcell help COMMAND` describes one:\n", table, sep="\n"
+    )
     sys.exit(0)
 
 
@@ -179,7 +178,7 @@ def _when(kind: type, alternatives: Sequence[Only]) -> str:
 
 def _metavar(name: str, hint: Any) -> str | None:
     """Return the placeholder of a value in the help: its unit, or `None` for tyro's default."""
-    if _is_positional(hint):
+    if is_positional(hint):
         return name.upper()
     several: list[tuple[Any, ...]]
     several = [get_args(part) for part in inside(hint) if get_origin(part) is tuple]
@@ -191,5 +190,6 @@ def _metavar(name: str, hint: Any) -> str | None:
     return f"{word} [{word} ...]" if several else word
 
 
-def _is_positional(hint: Any) -> bool:
+def is_positional(hint: Any) -> bool:
+    """Return whether a parameter is written without the name of an option."""
     return get_args(tyro.conf.Positional[int])[1] in getattr(hint, "__metadata__", ())

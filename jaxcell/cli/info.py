@@ -11,7 +11,7 @@ import tyro
 
 from .. import automata, patrol, space, sweep
 from ..base.documents import Fields
-from ..base.paths import visible
+from ..base.paths import absent, visible
 from ..base.results import MANIFEST, Manifest, check_result
 from .output import Printing
 from .terminal import table
@@ -54,7 +54,7 @@ class Info(Printing):
 def describe(path: Path) -> dict[str, Any]:
     """Describe a file: its kind, under the key `what`, and its content."""
     if not path.exists():
-        raise FileNotFoundError(f"{path}: there is no such file")
+        raise absent(path)
     check_result(path)
     if path.is_dir():
         return _directory(path)
@@ -152,11 +152,19 @@ def _contents(dataset: Any) -> dict[str, Any]:
             units = f", {array.attrs['units']}" if "units" in array.attrs else ""
             meaning = f": {array.attrs['long_name']}" if "long_name" in array.attrs else ""
             shown[name] = f"({', '.join(array.dims)}){units}{meaning}"
-    title = attributes.get("title", "without a title")
-    what = f"a result of jaxcell: {title}" if ours else f"a NetCDF file: {title}"
+    what = "a result of jaxcell" if ours else _kind_of_sea(dataset)
     hidden = {"title", "coordinates"} if ours else {*attributes}
     more = {name: str(value) for name, value in attributes.items() if name not in hidden}
-    return {"what": what, "dimensions": dict(dataset.sizes), "variables": shown, **more}
+    about = {"what": f"{what}: {attributes.get('title', 'without a title')}"}
+    return {**about, "dimensions": dict(dataset.sizes), "variables": shown, **more}
+
+
+def _kind_of_sea(dataset: Any) -> str:
+    if any(array.ndim > 1 and "s-1" in array.attrs.get("units", "") for array in dataset.values()):
+        return "currents"
+    keys = {key for array in dataset.variables.values() for key in array.attrs}
+    drifting = str(dataset.attrs.get("featureType")).lower() == "trajectory"
+    return "trajectories" if drifting or "sample_dimension" in keys else "a NetCDF file"
 
 
 def _recording(path: Path) -> dict[str, Any]:

@@ -10,7 +10,6 @@ from typing import Any, ClassVar
 
 import tyro
 
-from ..base.bundled import with_path
 from ..base.memory import check_addresses, gigabytes
 from ..base.optional_modules import has_module, missing_module
 from ..base.paths import name_in_results
@@ -19,7 +18,7 @@ from ..base.quantities import Result
 from ..base.results import Manifest, current_run, result_folder
 from ..study import STUDIES, Study
 from ..study.study import Say, silent
-from .help import as_options, parsed
+from .help import as_options
 from .output import Printing, option_words, write_text
 from .startup import starting
 from .terminal import (
@@ -32,6 +31,7 @@ from .terminal import (
     status,
     stdout_on_stderr,
 )
+from .words import parsed
 
 
 MUCH = 1e9
@@ -137,7 +137,7 @@ class StudyCommand(Printing):
         if self.json:
             say(json.dumps(summary))
         else:
-            show(result, question.headline(question.spec(result)), summary["seconds"])
+            show(result, question.headline(question.spec(result)))
             if self.out is not None and drawn:
                 note_results(self.out)
             elif self.out is not None:
@@ -180,7 +180,7 @@ def read_study(words: Sequence[str]) -> tuple[str, Any] | None:
         if name not in STUDY_COMMANDS:
             return None
         kind, rest = STUDY_COMMANDS[name], words[len(name.split()) :]
-    return name, parsed(kind, name, [with_path(word) for word in rest])
+    return name, parsed(kind, name, rest)
 
 
 def _verified(question: Study, result: Result) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import re
 import shlex
 import shutil
 import sys
@@ -140,25 +141,35 @@ def noting_warnings(command: type) -> Iterator[list[str]]:
         yield noted
 
 
-def show(result: Result, heading: str, seconds: float | None = None) -> None:
-    """Print the answer and the tables of a result, under a heading with the elapsed seconds."""
+def show(result: Result, heading: str) -> None:
+    """Print the answer of a result, and its tables under a heading.
+
+    A terminal would break sentences within words, other programs read a sentence per line.
+    """
     from ..record.data.tables import tables
 
+    console = Console()
     for line in result.answer:
-        say(line)
-    for each in tables(result, heading, seconds):
+        say(_wrapped(line, console.width) if console.is_terminal else line)
+    for each in tables(result, heading):
         table(*each)
     if result.brief:
         say("The rest is in the files of --out, and in --json.")
 
 
+# A number, alone or with its unit.
+_NUMBER = re.compile(r"(over )?-?[\d,.]+(e[-+]\d+)?(°| [^\s\d]+)?")
+# The space between a number and its unit is replaced while lines are broken.
+_INSIDE, _JOINED = re.compile(r"(?<=\d) (?=[^\W\d]|%)|(?<=\(cell) (?=\d)"), "\0"
+
+
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     """Print a table; columns of numbers are aligned to the right.
 
-    Words and numbers are not broken: a table that is too wide is transposed if it has fewer rows
-    than columns, and otherwise each of its rows is a list.
+    Words, and numbers with their units, are not broken. A table that is too wide is transposed, if
+    it has fewer rows than columns; or each of its cells has a row, or a line of text.
     """
-    console = Console()
+    console = Console(markup=False, emoji=False, highlight=False)
     title, *columns = (encodable(text, console.encoding) for text in (title, *columns))
     body = [
         [
@@ -167,25 +178,47 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) 
         ]
         for row in rows
     ]
-    console.print(title, style="bold", markup=False, emoji=False, highlight=False)
-    widths = _widths(columns, body, console.width)
-    if not widths and len(body) < len(columns):
+    console.print(title, style="bold")
+    for heads, lines in _layouts(columns, body):
+        if widths := _widths(heads, lines, console.width):
+            console.print(_grid(heads, lines, widths))
+            return
+    for head, cell in _in_turn(columns, body):
+        print(_filled(f"{head}: {cell}" if cell else "", console.width))
+
+
+def _layouts(
+    columns: Sequence[str], body: Sequence[Sequence[str]]
+) -> Iterator[tuple[Sequence[str], Sequence[Sequence[str]]]]:
+    """Yield the heads and rows of a table in several layouts, the widest first."""
+    yield columns, body
+    if len(body) < len(columns):
         heads, *turned = map(list, zip(columns, *body, strict=True))
-        if widths := _widths(heads, turned, console.width):
-            columns, body = heads, turned
-    if not widths:
-        for row in body:
-            entries = [f"{head}: {cell}" for head, cell in zip(columns, row, strict=True) if cell]
-            lines = [line for entry in entries for line in entry.split("\n")]
-            print("\n".join(_wrapped(line, console.width) for line in lines), end="\n\n")
-        return
+        yield heads, turned
+    yield ("quantity", "value"), _in_turn(columns, body)
+
+
+def _in_turn(columns: Sequence[str], body: Sequence[Sequence[str]]) -> list[tuple[str, str]]:
+    """List the cells of each row with their heads; an empty pair follows a row."""
+    rows = [[(head, cell) for head, cell in zip(columns, row, strict=True) if cell] for row in body]
+    return [pair for row in rows for pair in (*row, ("", ""))]
+
+
+def _grid(columns: Sequence[str], body: Sequence[Sequence[str]], widths: Sequence[int]) -> Table:
     grid = Table()
     for head, width, *cells in zip(columns, widths, *body, strict=True):
-        numeric = all(cell.replace(",", "").replace(".", "").isdigit() for cell in cells)
+        numeric = all(_NUMBER.fullmatch(cell) for cell in cells)
         grid.add_column(head, justify="right" if cells and numeric else "left", width=width)
     for row in body:
-        grid.add_row(*row)
-    console.print(grid)
+        if any(row):
+            grid.add_row(*map(_filled, row, widths))
+        else:
+            grid.add_section()
+    return grid
+
+
+def _filled(cell: str, width: int) -> str:
+    return "\n".join(_wrapped(line, width) for line in cell.split("\n"))
 
 
 def _wrapped(line: str, room: int) -> str:
@@ -193,15 +226,18 @@ def _wrapped(line: str, room: int) -> str:
     if len(line) <= room:
         return line
     return textwrap.fill(
-        line, room, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
-    )
+        _INSIDE.sub(_JOINED, line), room, break_long_words=False, break_on_hyphens=False
+    ).replace(_JOINED, " ")
 
 
 def _widths(columns: Sequence[str], body: Sequence[Sequence[str]], room: int) -> list[int]:
     """Return the widths of columns that do not break words; empty if there is no room for them."""
     cells = list(zip(columns, *body, strict=True))
     wanted = [max(len(line) for cell in one for line in cell.split("\n")) for one in cells]
-    widths = [max((len(word) for cell in one for word in cell.split()), default=0) for one in cells]
+    widths = [
+        max((len(word) for cell in one for word in _INSIDE.sub(_JOINED, cell).split()), default=0)
+        for one in cells
+    ]
     # Each column has a space on both sides, and a separating line.
     spare = room - 1 - sum(width + 3 for width in widths)
     if spare < 0:

@@ -15,7 +15,7 @@ from typing import ClassVar
 import tyro
 
 from ..base.optional_modules import has_module, missing_module
-from ..base.paths import visible
+from ..base.paths import absent, visible
 from ..base.process import (
     end_by_signals,
     guarded,
@@ -140,7 +140,7 @@ def _free_port(wanted: int) -> int:
 def recordings_in(results: Path) -> list[Path]:
     """Return the recordings in a folder and its subfolders, or the path if it is a recording."""
     if not results.exists():
-        raise FileNotFoundError(f"{results}: there is no such file or directory")
+        raise absent(results)
     check_result(results)
     recordings = sorted(visible(results, "*.rrd")) if results.is_dir() else [results]
     if not recordings:

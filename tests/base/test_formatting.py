@@ -15,6 +15,16 @@ from jaxcell.base.quantities import quantity
         (-1, "count", None, "-1"),
         (1234567, "count", None, "1,234,567"),
         (2.5, "number", "m", "2.5 m"),
+        (22.2868, "number", "steps", "22.3 steps"),
+        (22_286.8, "number", "m", "22,287 m"),
+        (-118.0126, "number", "degrees_east", "-118.013°"),
+        (33.3333, "coordinate", "m", "33.3333 m"),
+        (0.999_96, "share", "1", "over 99.9 %"),
+        (1 - 1e-16, "share", "1", "100 %"),
+        (90.0, "time", "s", "90 s"),
+        (7200.0, "time", "s", "2 h"),
+        (30.0, "time", "h", "30 h"),
+        (360.0, "time", "h", "15 days"),
         (0.25, "share", "1", "25 %"),
         (-0.0, "number", "m", "0 m"),
         (-0.0, "share", "1", "0 %"),
@@ -37,9 +47,9 @@ def test_places_in_cells_have_their_poses():
         for kind in ("cell", "position", "place")
     }
     assert of_kind == {
-        "cell": "cell 0 (0.5 m, 0.5 m, 0°), none",
-        "position": "position 0 (0.5 m, 0.5 m), none",
-        "place": "(0.5, 0.5), none",
+        "cell": "0.5 m, 0.5 m, heading 0° (cell 0); none",
+        "position": "0.5 m, 0.5 m (position 0); none",
+        "place": "(0.5 m, 0.5 m), none",
     }
 
 

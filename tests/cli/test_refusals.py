@@ -33,9 +33,9 @@ groups @lab_a --bounce 45 --cell 50
 groups @lab_z --bounce 45
     @lab_z: not among the bundled data of jaxcell; did you mean ...
 groups @random --bounce 45
-    ...random.json: format: expected an object with "format": "jaxcell-map"
-localize @lab_a --bounce
-    --bounce: expected at least one value, got none
+    @random: it holds a graph; give it to patrol graph
+localize @lab_a
+    missing --bounce; for example: jaxcell localize @lab_a --bounce 135 --out runs/lab
 localize @lab_a --bounce nan
     --bounce: nan deg is not a whole number of the 8 directions, which are 45 deg apart
 localize @lab_a --bounce 45 --start 2,2,0
@@ -81,7 +81,7 @@ drifters @drifters --after 100000
 drifters @drifters --cell 2 --nearly-closed 9999
     --nearly-closed: expected at most 72, the number of cells, got 9999
 drifters @gyres
-    ...gyres.nc: lon: ...
+    @gyres: it holds currents; give it to drift
 dynamics lorenz63
     SYSTEM: expected FILE.py:NAME or one of duffing, pendulum, ..., got 'lorenz63'
 dynamics number.py:System
@@ -113,7 +113,7 @@ patrol graph path.adjlist --speed 1
 patrol map @lab_a --robots auto
     --capture: it is needed with --robots auto
 patrol map @lab_a --robots 20
-    --robots: 20 robots are more than the 19 cells of ...lab_a.json
+    --robots: 20 robots are more than the 19 cells of @lab_a
 patrol map @lab_a --target 2,2
     --target '2,2': the point (2, 2) lies in an obstacle or too near a wall
 patrol map @lab_a --target x

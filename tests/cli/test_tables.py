@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import json
 import re
 from typing import Annotated, ClassVar
 
@@ -11,6 +12,7 @@ import pytest
 from jaxcell import space
 from jaxcell.base.formatting import format_value
 from jaxcell.base.quantities import Result, quantity
+from jaxcell.cli import main
 from jaxcell.cli.terminal import show, table
 
 
@@ -64,7 +66,8 @@ def test_a_wide_table_of_few_rows_is_transposed(capsys, monkeypatch, robots, asi
     show(Robots(np.full(robots, 12_345_678_901), tour), "a patrol")
     said = capsys.readouterr().out
     rows = [line for line in said.splitlines() if line.startswith("│")]
-    assert any(row.startswith("│ its tour") for row in rows) == aside
+    # A table that is too wide even so has a row for each cell.
+    assert sum(row.startswith("│ its tour") for row in rows) == (1 if aside else robots)
     assert not any("-1" in row for row in rows)
     assert said.count("12,345,678,901") == robots
 
@@ -89,7 +92,7 @@ def test_tables_of_any_width_keep_their_border_and_their_words(capsys, monkeypat
         if lines[0].startswith("┏"):
             assert len({len(line) for line in lines}) == 1
             assert len(lines[0]) <= width
-            assert {line[-1] for line in lines} <= set("┓┃┩│┘")
+            assert {line[-1] for line in lines} <= set("┓┃┩│┤┘")
         else:
             assert all(len(line) <= width or " " not in line.strip() for line in lines)
 
@@ -109,12 +112,44 @@ def test_indices_are_told_from_counts():
     room = space.CellSpace.of_grid(np.ones((2, 3), bool), 8)
     cell, place = quantity("", "end", kind="cell"), quantity("", "end", kind="position")
     # Row 0 has positions 0 to 2, and direction 1 of 8 looks to the North-East.
-    assert format_value(6 + 2, cell, room) == "cell 8 (2.5 m, 0.5 m, 45°)"
-    assert format_value(2, place, room) == "position 2 (2.5 m, 0.5 m)"
+    assert format_value(6 + 2, cell, room) == "2.5 m, 0.5 m, heading 45° (cell 8)"
+    assert format_value(2, place, room) == "2.5 m, 0.5 m (position 2)"
     assert format_value(8, cell) == "cell 8"
     assert format_value(np.arange(40) % 6, place, room).startswith("positions 0, 1, 2, 3")
 
 
-def test_a_result_without_single_numbers_has_no_table_of_seconds(capsys):
-    show(Robots(np.array([1, 2]), np.array([[0], [1]])), "a patrol", seconds=0.239)
-    assert "seconds" not in capsys.readouterr().out
+@pytest.mark.parametrize("width", [40, 60, 80, 120])
+@pytest.mark.parametrize(
+    "line",
+    [
+        "maps",
+        "info @lab_a",
+        "info @gyres",
+        "groups @lab_a --bounce 45 90 135",
+        "localize @lab_a --bounce 45 --start 19",
+        "patrol graph @eight --robots 2",
+    ],
+)
+def test_tables_of_commands_are_whole(line, width, monkeypatch, capsys):
+    for name, value in {"COLUMNS": str(width), "FORCE_COLOR": "1", "TERM": "xterm"}.items():
+        monkeypatch.setenv(name, value)
+    assert main(line.split()) == 0
+    lines = re.sub(r"\x1b\[[\d;]*m", "", capsys.readouterr().out).splitlines()
+    assert max(map(len, lines)) <= width
+    right = {"┏": "┓", "┃": "┃", "┡": "┩", "│": "│", "├": "┤", "└": "┘"}
+    rows = [line for line in lines if line[:1] in right]
+    assert rows
+    assert all(row[-1] == right[row[0]] for row in rows)
+    assert not any("seconds" in row for row in rows)
+
+
+def test_the_answer_names_each_pose_where_the_robot_may_be(capsys):
+    words = ["localize", "@lab_a", "--bounce", "45", "--start", "19"]
+    assert main([*words, "--json"]) == 0
+    ends = json.loads(capsys.readouterr().out)["candidates"]
+    assert main(words) == 0
+    answer = capsys.readouterr().out.splitlines()[0]
+    of = [[one[f"candidate_{name}"] for name in ("x", "y", "theta_deg")] for one in ends]
+    poses = [f"{x:g} m, {y:g} m, heading {theta:g}°" for x, y, theta in of]
+    assert len(poses) == 3
+    assert all(pose in answer for pose in poses)

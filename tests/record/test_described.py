@@ -79,8 +79,8 @@ def test_zeros_have_no_sign():
 def test_tables_say_where_positions_are(watch, capsys):
     show(watch, "The watch")
     out = capsys.readouterr().out
-    assert "(2.5, 0.5)" in out
-    assert "(1.5, 0.5)" in out
+    assert "(2.5 m, 0.5 m)" in out
+    assert "(1.5 m, 0.5 m)" in out
     assert "none" in out
 
 
@@ -153,7 +153,7 @@ def test_the_terminal_has_a_column_for_each_part(capsys):
 
 
 def test_texts_have_meanings_and_units_of_single_numbers(watch):
-    assert numbers(watch).splitlines()[2:] == ["| gate | (2.5, 0.5) |"]
+    assert numbers(watch).splitlines()[2:] == ["| gate | (2.5 m, 0.5 m) |"]
     first, _ = HOUSE.floors
     lines = numbers(dataclasses.replace(first, cools=np.inf)).splitlines()
     assert lines[2:-1] == ["| height of the floor | 0 m |", "| share that is lit | 50 % |"]

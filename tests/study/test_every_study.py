@@ -27,9 +27,10 @@ from jaxcell.base.formatting import format_value
 from jaxcell.base.quantities import columns, is_single, parts, summarized, values
 from jaxcell.cli import main
 from jaxcell.cli.app import COMMANDS
-from jaxcell.cli.help import as_options, option, parsed
+from jaxcell.cli.help import as_options, option
 from jaxcell.cli.study_command import command_of
 from jaxcell.cli.terminal import show
+from jaxcell.cli.words import parsed
 from jaxcell.record import dataset, summary
 from jaxcell.record.figures.plot import picture
 from jaxcell.study import STUDIES, Limit, Only, Study
@@ -101,7 +102,7 @@ def case(tmp_path_factory, few_drifters):
         result = study.run()
         with contextlib.redirect_stdout(io.StringIO()) as table, pytest.MonkeyPatch.context() as at:
             at.setenv("COLUMNS", "1000")
-            show(result, study.headline(study.spec(result)), seconds=1.0)
+            show(result, study.headline(study.spec(result)))
         words = " ".join(table.getvalue().split())
         return Case(study, result, json.loads(printed.getvalue()), words, out)
 

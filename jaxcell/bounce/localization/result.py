@@ -9,6 +9,7 @@ from jaxtyping import Bool, Int
 
 from ...automata import Filter, Policy, Smallest, minimize
 from ...automata.filter import CONFIRM
+from ...base.formatting import configuration
 from ...base.quantities import Checks, Result, derived, from_part
 from ...space import CellSpace, Motion
 from ...space.touching import touching_steps
@@ -22,6 +23,8 @@ from .other_rooms import MOST_CELLS, ROOMS, filter_agreement
 
 # The share of robots in other rooms that may be localized without a remark.
 _RARE = 1e-3
+# Number of possible cells of a robot that the answer names.
+_NAMED = 4
 
 
 class States(Result):
@@ -211,6 +214,16 @@ class RunOnMap(Evidence):
     def beliefs(self) -> list[Int[np.ndarray, "_"]]:
         """The possible cells of the robot at each time."""
         raise NotImplementedError
+
+    @property
+    def answer(self) -> tuple[str, ...]:
+        run, ends = self.run, self.run.candidates.tolist()
+        after = f"After {run.steps:,} steps and {run.bumps:,} bumps"
+        if not ends:
+            return (f"{after} the robot is refuted: it is on another map.",)
+        places = "; or at ".join(configuration(self.cells, z) for z in ends[:_NAMED])
+        more = f"; or in {len(ends) - _NAMED:,} other cells" if len(ends) > _NAMED else ""
+        return (f"{after} the robot is at {places}{more}.",)
 
     @functools.cached_property
     def touching(self) -> Bool[np.ndarray, "cells"]:

@@ -11,7 +11,7 @@ from jaxtyping import Int
 
 from ... import __version__
 from ...base.documents import check_version
-from ...base.paths import replacing
+from ...base.paths import absent, replacing
 from ...space import CellSpace
 from .roadmap import Roadmap, describe_space
 from .routes import Routes, block_size
@@ -89,7 +89,7 @@ def write_plans(path: str | os.PathLike[str], roadmap: Roadmap, routes: Iterable
 
 def read_roadmap(path: Path, cells: CellSpace) -> Roadmap:
     if not path.exists():
-        raise FileNotFoundError(f"{path}: there is no such file")
+        raise absent(path)
     try:
         store: Any = zarr.open_group(path, mode="r")
         about: dict[str, Any] = dict(store.attrs)

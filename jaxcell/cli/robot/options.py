@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import tyro
 
 from ...study.errors import ErrorTexts
-from ...study.parameters import AtLeastOne, Degrees, Headings, Limit, Only
+from ...study.parameters import AtLeastOne, Degrees, Headings, Limit, Metres, Only
 from ..output import Printing
 
 
@@ -56,12 +56,12 @@ class RunOptions(Printing):
     directions, for instance because they are longer along a diagonal."""
     steps: Annotated[Literal["encoder", "clock"], Only(ros=False)] = "encoder"
     """Source of distances: the encoders of the wheels (encoder), or time and speed (clock)."""
-    tolerance: float | None = None
+    tolerance: Metres | None = None
     """Largest error at the end of a step, in metres, that is not corrected; by default 4 mm, or
     less for steps below 1 m."""
-    turn_tolerance: float = 0.4
+    turn_tolerance: Degrees = 0.4
     """Largest error at the end of a turn, in degrees, that is not corrected."""
-    give: Annotated[float | None, _EMULATED_WITHOUT_PHYSICS] = None
+    give: Annotated[Metres | None, _EMULATED_WITHOUT_PHYSICS] = None
     """Distance that the bumper of the emulated robot moves before it detects a wall, in metres; by
     default 0.02 times the squared side of a cell, at least 0.0005 and at most 0.02."""
     errors: Annotated[ErrorTexts, _EMULATED_WITHOUT_PHYSICS] = ()

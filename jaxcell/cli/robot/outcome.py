@@ -59,7 +59,7 @@ def show(
         found = f"{100 * share:.2g} % of robots in {rooms or 'some'} random rooms"
         rows.append(("as sure elsewhere", found))
     if emulation is None:
-        rows += [("may be in", ", ".join(map(str, cells[:20])))] * bool(cells)
+        rows += [("may be in", ", ".join(f"cell {z}" for z in cells[:20]))] * bool(cells)
     else:
         truth, space = summary["emulated"], emulation.cells
         if "place" in summary:

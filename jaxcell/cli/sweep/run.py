@@ -14,7 +14,7 @@ from ... import sweep
 from ...base.memory import check_addresses
 from ...base.paths import replacing
 from ...base.process import exit_status, library_writes
-from ...study.parameters import Only, check
+from ...study.parameters import Only, Seconds, check
 from ...sweep.storage.damage import reading
 from ..output import Printing, option_words
 from ..startup import prepare_tasks
@@ -47,7 +47,7 @@ class Sweep(Printing):
     anyway: Annotated[bool, Only(resume=True)] = False
     """Continue although files, the task or versions have changed. The attribute resumed_anyway of
     the result lists the changes."""
-    timeout: float | None = None
+    timeout: Seconds | None = None
     """Seconds after which a chunk is stopped, and each half of it computed. A single member that
     takes longer counts as failed. The engine local cannot stop a chunk, and has no timeout."""
     shard: str | None = None

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float
 
 from ...base.bundled import bundled
 from ...base.optional_modules import import_module
+from ...base.paths import absent
 from .grid import OceanGrid
 from .netcdf import error_line
 from .sphere import EARTH_RADIUS, turned
@@ -87,7 +88,7 @@ def read_land(path: str | os.PathLike[str] | None = None) -> Land:
     if path is None:
         return Land(_BUNDLED, _bundled_polygons())
     if not Path(path).is_file():
-        raise FileNotFoundError(f"{os.fspath(path)}: there is no such file")
+        raise absent(path)
     about = os.stat(path)
     return _read_land(os.fspath(path), (about.st_mtime_ns, about.st_size))
 

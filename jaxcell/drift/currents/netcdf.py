@@ -15,6 +15,7 @@ import xarray as xr
 from jaxtyping import Float
 
 from ...base import memory
+from ...base.paths import absent
 
 
 LARGEST_BYTES = 4 * 2**30
@@ -98,7 +99,7 @@ def open_netcdf(path: str | os.PathLike[str]) -> Iterator[OceanFile]:
     """Open a NetCDF file, of version 3 or 4, as a context manager."""
     name = os.fspath(path)
     if not Path(path).is_file():
-        raise FileNotFoundError(f"{name}: there is no such file")
+        raise absent(name)
     engine = netcdf_engine(path)
     with unwarned():
         try:

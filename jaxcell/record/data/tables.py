@@ -22,14 +22,11 @@ class Table(NamedTuple):
     rows: Sequence[Sequence[str]]
 
 
-def tables(
-    result: Result, heading: str, seconds: float | None = None, cells: CellSpace | None = None
-) -> Iterator[Table]:
+def tables(result: Result, heading: str, cells: CellSpace | None = None) -> Iterator[Table]:
     """Build the tables that a terminal shows for a result and for the results in its fields.
 
-    `heading` is the title of the first table. If this table has numbers, its last row is the
-    computing time `seconds`, if given. `cells` is the cell space of the positions, by default that
-    of the result.
+    `heading` is the title of the first table. `cells` is the cell space of the positions, by
+    default that of the result.
     """
     described, below = _brief(result), parts(result)
     for part in below.values():
@@ -44,8 +41,6 @@ def tables(
         for about, value in described.values()
         if is_single(about) and not set(about.dims) & set(result.tables)
     ]
-    if single and seconds is not None:
-        single.append(("seconds", f"{seconds:g}"))
     if single:
         yield Table(heading, ("quantity", "value"), single)
     yield from _tables(result, "" if single else f"{heading}: ", cells)

@@ -175,7 +175,7 @@ class PatrolGraph(Study):
         )
 
     def headline(self, spec: dict[str, Any]) -> str:
-        return f"{self.file}: {self.strategy}"
+        return f"{spec['file']}: {self.strategy}"
 
     def spec(self, result: "patrol.GraphPatrol") -> dict[str, Any]:  # type: ignore[override]
         spec = super().spec(result)

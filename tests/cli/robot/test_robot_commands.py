@@ -189,7 +189,7 @@ def test_cells_of_a_map_that_is_not_found_are_shown_by_their_numbers(capsys):
     assert "cell 5000 of another map" in capsys.readouterr().out
     show("belief.jxb", summary | {"emulated": emulated, "cells": [0]}, emulation, LAB)
     assert "may be at" in (shown := capsys.readouterr().out)
-    assert shown.count("cell 0 (0.5 m, 0.5 m, 0°)") == 2
+    assert shown.count("0.5 m, 0.5 m, heading 0° (cell 0)") == 2
 
 
 def test_logs_of_another_task_cannot_be_resumed(filter_file, tmp_path):

@@ -59,7 +59,7 @@ def test_the_recording_shows_the_policy(policy):
     labels = recording.static("/alpha/labels", "Points2D:labels")
     assert labels[: share.size] == [f"{one:g}" for one in policy.bounce_deg.tolist()]
     text = recording.text()
-    assert f"| 90° | {100 * float(policy.alpha[1]):.4g} % |" in text
+    assert f"| 90° | {100 * float(policy.alpha[1]):.3g} % |" in text
     assert "| map | a map |" in text
 
 

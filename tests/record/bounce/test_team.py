@@ -83,7 +83,7 @@ def test_the_text_says_what_came_out(team, recorded):
     assert "| positions that are visited | 19 |" in text
     assert f"| steps | {len(team.cell) - 1} |" in text
     x, y, theta = map(float, team.cells.centre(int(team.starts[0])))
-    pose = f"cell {team.starts[0]} ({x:g} m, {y:g} m, {np.rad2deg(theta):g}°)"
+    pose = f"{x:g} m, {y:g} m, heading {np.rad2deg(theta):g}° (cell {team.starts[0]})"
     assert f"| 0 | vermilion | {pose} |" in text
     assert "| seed | 0 |" in text
 

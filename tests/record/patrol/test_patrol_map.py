@@ -229,7 +229,7 @@ def test_the_recording_shows_the_law(alone, recording):
     assert len(recording.static("/target/captures/attack_times", "LineStrips2D:strips")) == 3
     text = recording.text("/target/text")
     exact, simulated = 100 * attack.exact[1], 100 * attack.simulated[1]
-    assert f"| 20 steps | {exact:.4g} % | {simulated:.4g} % |" in text
+    assert f"| 20 steps | {exact:.3g} % | {simulated:.3g} % |" in text
 
 
 def test_the_recording_shows_the_vulnerability(alone, recording):
@@ -245,7 +245,7 @@ def test_the_recording_shows_the_vulnerability(alone, recording):
     low = recording.classes("/map/grid/capture")[kind[caught.argmin()]]
     assert low.startswith(f"caught with probability {caught.min():.3f}"[:-1])
     text = recording.text("/vulnerability/text")
-    assert f"{100 * caught.min():.4g} %" in text
+    assert f"{100 * caught.min():.3g} %" in text
 
 
 def test_an_emphasis_that_lowers_capture_is_remarked(alone):
@@ -270,7 +270,7 @@ def test_the_recording_shows_a_search_and_its_frontier(alone, monkeypatch):
     assert len(recording.static("/frontier/curve/floors", "Points2D:positions")) == 2
     text = recording.text("/frontier/text")
     caught = 100 * frontier.least_capture[1]
-    assert f"| 60% | {frontier.entropy[1]:.6g} nats | {caught:.4g} % |" in text
+    assert f"| 60% | {frontier.entropy[1]:.3g} nats | {caught:.3g} % |" in text
     assert "local optimum" in recording.text("/policies/text")
 
 
