@@ -36,6 +36,8 @@ groups @random --bounce 45
     @random: it holds a graph; give it to patrol graph
 localize @lab_a --bounce
     --bounce: expected at least one value, got none
+localize @lab_a
+    missing --bounce; for example: jaxcell localize @lab_a --bounce 135 --out runs/lab
 localize @lab_a --bounce nan
     --bounce: nan deg is not a whole number of the 8 directions, which are 45 deg apart
 localize @lab_a --bounce 45 --start 2,2,0

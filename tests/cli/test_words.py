@@ -29,7 +29,7 @@ from jaxcell.cli.app import read
         ("groups @lab_a --bounce 45 --cell .5m", "cell", 0.5),
         ("groups @lab_a --bounce 45 --robot_radius 57mm", "robot_radius", 0.057),
         ("groups @lab_a --bounce 45 --cell 0.01km", "cell", 10.0),
-        ("cover @lab_a --bounces 45 --error 1 --reliability 80%", "reliability", 0.8),
+        ("cover @lab_a --bounce 45 --errors turn=1 --reliability 80%", "reliability", 0.8),
         ("drift @gyres --windage 2%", "windage", 0.02),
         ("drift @gyres --duration 2h", "duration", 7200.0),
         ("drift @gyres --duration 1.5min", "duration", 90.0),
@@ -118,7 +118,7 @@ groups @lab_a --bounce 45 --collision sweep
     --collision: expected swept or endpoint, got 'sweep'; did you mean swept?
 groups @lab_a --bounce 45 --directions 8.5
     --directions: expected a whole number such as 3, got '8.5'
-cover @lab_a --bounces 45 --error 1 --reliability often
+cover @lab_a --bounce 45 --errors turn=1 --reliability often
     --reliability: expected a number from 0 to 1, or a percentage such as 2%, got 'often'
 drift @gyres --bounds 1 2 3
     --bounds: expected 4 values, got 3
