@@ -47,7 +47,7 @@ class Study:
     ([`Only`][jaxcell.study.Only], [`Needed`][jaxcell.study.Needed]). A subclass makes other checks
     in `__post_init__`, with `ValueError`s that begin with the name of a parameter. A parameter with
     several values, such as `tuple[float, ...]`, also accepts a single value, and one with texts
-    `NAME=VALUE`, such as `errors`, a mapping.
+    `NAME=VALUE`, such as `errors`, a dict.
     """
 
     name: ClassVar[str] = "result"
@@ -85,7 +85,7 @@ class Study:
                 value = Path(with_path(str(value)))
             if Ellipsis in kinds and isinstance(value, str | Path | float | int):
                 value = (value,)
-            if Ellipsis in kinds and isinstance(value, Mapping):
+            if Ellipsis in kinds and isinstance(value, dict):
                 value = tuple(f"{part}={number}" for part, number in value.items())
             object.__setattr__(self, name, value)
         check(self)

@@ -81,7 +81,7 @@ def test_a_viewer_opens_if_there_is_a_display(ran, monkeypatch):
 
 @pytest.mark.parametrize("directions", ["directions = 8", ""])
 def test_a_member_in_detail_equals_its_numbers_in_the_sweep(ran, directions):
-    fixed = f'map = "@lab_a"\nbounces = [45, 135]\nerror = 45\n{directions}'
+    fixed = f'map = "@lab_a"\nbounce = [45, 135]\nerrors_turn = 45\n{directions}'
     folder = ran(
         f'task = "cover"\n[fixed]\n{fixed}\n[random]\nsamples = 2\nreliability.uniform = [0.5, 0.9]'
     )

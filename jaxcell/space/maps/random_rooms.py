@@ -4,7 +4,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-import scipy.ndimage
 from jaxtyping import Bool
 
 
@@ -93,9 +92,27 @@ def random_room(
             )
             x, y = int(rng.integers(columns - width + 1)), int(rng.integers(rows - height + 1))
             free[y : y + height, x : x + width] = False
-        if scipy.ndimage.label(free)[1] == 1:
+        if _is_connected(free):
             return free
     raise ValueError(
         f"obstacles: {obstacles} obstacles leave a room of {columns} x {rows} cells in several "
         "pieces; expected fewer"
     )
+
+
+def _is_connected(free: Bool[np.ndarray, "rows columns"]) -> bool:
+    """Check that a robot can go from every free cell to every other one."""
+    # The number of the run of free cells in each row and in each column.
+    rows, columns = (
+        np.cumsum(np.pad(~grid, ((0, 0), (1, 0)), constant_values=True)).reshape(len(grid), -1)
+        for grid in (free, free.T)
+    )
+    reached = np.zeros_like(free)
+    reached.flat[np.argmax(free)] = free.any()
+    count = -1
+    while count != (count := int(reached.sum())):
+        for run in (rows[:, 1:], columns[:, 1:].T):
+            hit = np.zeros(int(run.max()) + 1, bool)
+            hit[run[reached]] = True
+            reached = free & hit[run]
+    return 0 < count == int(free.sum())

@@ -14,7 +14,7 @@ from robot_files import LAB, save_filter
 from wheels import MAPS
 
 import jaxcell.record.robot
-from jaxcell import record
+from jaxcell import record, study
 from jaxcell.cli import main
 
 
@@ -124,8 +124,9 @@ def test_missing_packages_are_named(filter_file, tmp_path, words, message):
 def test_recordings_without_rerun_are_refused(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
     message = r"^recordings need Rerun; install it with: pip install 'jaxcell\[view\]'"
+    groups = study.Groups(MAPS / "lab_a.json", bounce=45).run()
     with pytest.raises(ModuleNotFoundError, match=message):
-        record.save_recording(object(), tmp_path / "one.rrd")
+        record.save_recording(groups, tmp_path / "one.rrd")
     with pytest.raises(ModuleNotFoundError, match=message):
         importlib.reload(jaxcell.record.robot)
 
