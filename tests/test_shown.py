@@ -37,7 +37,7 @@ THINGS = [
     markov.limiting_distribution(P),
     optimize.Graph([[0, 1], [1, 2], [2, 0]]),
     optimize.minimum_commute([[0, 1], [1, 2], [2, 0]]),
-    study.Cover(map=LAB, bounces=(45.0, 90.0), error=45.0, reliability=0.7).run(),
+    study.Cover(map=LAB, bounce=(45.0, 90.0), errors=("turn=45",), reliability=0.7).run(),
     examples.ring(),
     space.Box([-2, -2], [2, 2], [200, 200]),
     space.Motion(0.5),

@@ -72,6 +72,8 @@ def _checked(checks: dict[str, Callable[[Any], Any]], name: str, value: Any) -> 
 
 
 def _check_of(annotation: Any) -> Callable[[str, Any], Any] | None:
+    if getattr(annotation, "_is_protocol", False) and hasattr(annotation, "of_input"):
+        return lambda _, value: annotation.of_input(value)
     kinds = typing.get_args(annotation) if _is_union(annotation) else (annotation,)
     own = tuple(kind for kind in kinds if _is_own(kind))
     if own and all(kind in own or kind is type(None) for kind in kinds):
@@ -107,7 +109,7 @@ def _is_array(kind: Any) -> bool:
     return kind is np.ndarray or getattr(kind, "dim_str", "") != ""
 
 
-def _check_class(kinds: tuple[type, ...], name: str, value: Any) -> Any:
+def _check_class(kinds: Any, name: str, value: Any) -> Any:
     if isinstance(value, kinds):
         return value
     for kind in kinds:
@@ -139,7 +141,7 @@ def _fallbacks(kinds: tuple[Any, ...]) -> tuple[type, ...]:
     return (*(kind for kind in kinds if kind is type(None)), *((int, float) * any_shape))
 
 
-def _check_array(fallbacks: tuple[type, ...], name: str, value: Any) -> Any:
+def _check_array(fallbacks: Any, name: str, value: Any) -> Any:
     if hasattr(value, "shape") or isinstance(value, fallbacks):
         return value
     array = np.asarray(value, None if isinstance(value, list | tuple | range) else object)
@@ -148,7 +150,7 @@ def _check_array(fallbacks: tuple[type, ...], name: str, value: Any) -> Any:
     return array
 
 
-def _check_number(kinds: tuple[type, ...], may_trace: bool, name: str, value: Any) -> Any:
+def _check_number(kinds: Any, may_trace: bool, name: str, value: Any) -> Any:
     if value is None and type(None) in kinds:
         return value
     noun = "number" if float in kinds else "whole number"

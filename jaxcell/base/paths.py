@@ -11,7 +11,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from .bundled import bundled_names
+from .bundled import bundled_names, with_path
 from .process import raise_lost_signal
 
 
@@ -25,7 +25,7 @@ def existing(path: str | os.PathLike[str]) -> list[str]:
 
     The address of an OPeNDAP server is returned unchanged.
     """
-    name = os.fspath(path)
+    name = with_path(os.fspath(path))
     if ADDRESS.match(name) or os.path.exists(name):
         return [name]
     if not _WILD.search(name):
@@ -47,7 +47,8 @@ def absent(path: str | os.PathLike[str]) -> FileNotFoundError:
         with contextlib.suppress(OSError):
             beside += os.listdir(folder)
         near = [str(folder / name) for name in difflib.get_close_matches(path.name, beside, 1)]
-        near += [f"@{name}" for name in difflib.get_close_matches(path.stem, known, 1)]
+        if not path.suffix:
+            near += [f"@{name}" for name in difflib.get_close_matches(path.stem, known, 1, 0.75)]
     meant = f"; did you mean {near[0]}?" if near else ""
     return FileNotFoundError(f"{os.fspath(path)}: there is no such file{meant}")
 

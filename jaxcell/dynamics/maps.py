@@ -1,5 +1,6 @@
 import dataclasses
 import functools
+import inspect
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, Protocol, TypeAlias, runtime_checkable
 
@@ -40,6 +41,36 @@ class Map(Protocol):
     """
 
     def __call__(self, x: Any, params: Any, /) -> Any: ...
+
+
+@dataclasses.dataclass(frozen=True)
+class _WithoutParams:
+    function: Callable[..., Any]
+
+    def __call__(self, *args: Any) -> Any:
+        return self.function(*args[:-1])
+
+
+def with_params(function: Any, count: int, name: str) -> Any:
+    """Return a function of `count` arguments, the last of which may be missing in `function`."""
+    if not callable(function):
+        raise ValueError(f"{name}: expected a function, got {function!r}")
+    try:
+        given = inspect.signature(function).parameters.values()
+    except ValueError:
+        return function
+    places = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    names = [one.name for one in given if one.kind in places]
+    several = any(one.kind is inspect.Parameter.VAR_POSITIONAL for one in given)
+    if name == "field" and count == 2 and names[:1] in (["t"], ["time"]):
+        raise ValueError(
+            "field: it depends on time; strobe(field, period, steps) makes a map of it"
+        )
+    return _WithoutParams(function) if len(names) == count - 1 and not several else function
+
+
+# No member of the protocol, which functions of users have to match.
+setattr(Map, "of_input", lambda function: with_params(function, 2, "map"))  # noqa: B010
 
 
 @dataclasses.dataclass(frozen=True)
@@ -172,6 +203,8 @@ def flow(
 ) -> Flow:
     """Build the map of an autonomous field `x' = field(x, params)` with Runge-Kutta steps.
 
+    A field without parameters may be `field(x)`.
+
     **Arguments:**
 
     - `field`: the velocity at a point, an array `[axes]`.
@@ -193,7 +226,7 @@ def flow(
         >>> np.allclose(jax.jit(turn)(np.array([1.0, 0.0]), {}), [-1, 0], atol=1e-5)
         True
     """
-    dt = _positive("dt", dt)
+    dt, field = _positive("dt", dt), with_params(field, 2, "field")
     crossed, max_steps = check_whole("crossed", crossed, 1), check_whole("max_steps", max_steps, 1)
     if isinstance(steps, str) and steps == "crossing":
         return Flow(field, dt, max_steps, crossing=crossed)
@@ -214,6 +247,7 @@ def strobe(field: Callable[[Any, Any, Any], Any], period: float, steps: int) -> 
         >>> np.allclose(jax.jit(pushed)(np.array([0.5]), {}), 0.5, atol=1e-6)
         True
     """
+    field = with_params(field, 3, "field")
     return Strobe(field, _positive("period", period), check_whole("steps", steps, 1))
 
 
@@ -258,8 +292,10 @@ def section(
         >>> np.allclose(jax.jit(returns)(np.array([1.0]), {}), np.exp(-np.pi / 5), atol=1e-5)
         True
     """
-    one = Flow(field, _positive("dt", dt), 1)
-    return Section(one, surface, lift, project, check_whole("max_steps", max_steps, 1))
+    one = Flow(with_params(field, 2, "field"), _positive("dt", dt), 1)
+    given = {"surface": surface, "lift": lift, "project": project}
+    functions = {name: with_params(function, 2, name) for name, function in given.items()}
+    return Section(one, **functions, max_steps=check_whole("max_steps", max_steps, 1))
 
 
 def _positive(name: str, value: Any) -> float:

@@ -101,11 +101,15 @@ class Chain(Pictured):
 
     @classmethod
     def of_input(cls, value: Any) -> "Chain | None":
-        """Create a chain of a matrix, or of a networkx graph whose weights are probabilities."""
+        """Create a chain of a matrix, or of a networkx graph whose weights are probabilities.
+
+        Cells have the names of the nodes if these are 0, 1, ..., and otherwise their order.
+        """
         if hasattr(value, "is_multigraph"):
             import networkx
 
-            value = networkx.to_scipy_sparse_array(value)
+            named = set(value) == set(range(len(value)))
+            value = networkx.to_scipy_sparse_array(value, range(len(value)) if named else None)
         matrix = hasattr(value, "shape") or isinstance(value, list)
         return cls.from_scipy(value) if matrix else None
 
@@ -148,6 +152,7 @@ class Chain(Pictured):
 
     def push(self, distribution: npt.ArrayLike) -> Float[Array, "cells"]:
         """Compute the distribution one step later, `p P`; its missing mass is in the sink."""
+        require_x64("Chain.push")
         return self._push(number_per_cell(distribution, self.cells, "distribution"))
 
     @jax.jit
@@ -163,6 +168,7 @@ class Chain(Pictured):
 
     def pull(self, value: npt.ArrayLike) -> Float[Array, "cells"]:
         """Compute the expected value one step later, `P v`; the value of the sink is 0."""
+        require_x64("Chain.pull")
         return self._pull(number_per_cell(value, self.cells, "value"))
 
     @jax.jit

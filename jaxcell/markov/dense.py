@@ -28,6 +28,7 @@ import numpy.typing as npt
 from jaxtyping import Array, Float
 
 from ..base.indices import as_array
+from ..base.precision import require_x64
 from ..base.wide import wide
 from ..mapping.generalized import Chain
 
@@ -46,6 +47,7 @@ def _of_matrix(quantity: Callable[[Array], Array]) -> Callable[[npt.ArrayLike], 
     @wide
     @functools.wraps(quantity)
     def call(P: npt.ArrayLike) -> Array:
+        require_x64(f"dense.{quantity.__name__}")
         matrix = as_array(P, "P")
         if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
             raise ValueError(f"P: expected as many rows as columns, got shape {matrix.shape}")

@@ -134,7 +134,10 @@ def _blocked_steps(
     # All longer steps lead off the map, too.
     length = min(motion.in_cells(cells.cell), math.hypot(rows, columns) + 1)
     steps = np.array([displacement(k, cells.directions, length) for k in range(cells.directions)])
-    reach = float(np.linalg.norm(steps[0])) + TOLERANCE
+    parts = motion.rule.part(np.stack([0 * steps, steps], axis=1))
+    # The part of a step may lie beside the step.
+    reach = max(length, float(np.linalg.norm(shapely.get_coordinates(parts), axis=1).max()))
+    reach += TOLERANCE
     tree = shapely.STRtree(shapely.linestrings(cells.walls))
     # Blocks of squares are tested first: they are far fewer than squares.
     blocks = np.zeros((-(-rows // _BLOCK), -(-columns // _BLOCK)), bool)

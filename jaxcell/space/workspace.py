@@ -193,6 +193,7 @@ class Workspace(Pictured):
         Pixels of the grey that savers of maps write for unknown are unknown even if `free_thresh`
         takes them as free; a warning of the class `jaxcell.base.doubts.Doubt` says how many.
         """
+        path = with_path(os.fspath(path))
         fields = read_map(path, unknown)
         try:
             return cls(**fields)
@@ -210,11 +211,16 @@ class Workspace(Pictured):
         if isinstance(room, cls):
             return room
         if isinstance(room, str | os.PathLike):
-            return cls.load(with_path(os.fspath(room)), unknown)
+            return cls.load(room, unknown)
         if isinstance(room, shapely.Polygon):
             return cls(room.exterior.coords, [hole.coords for hole in room.interiors])
-        if getattr(room, "dtype", "") == np.dtype(bool) and getattr(room, "ndim", 0) == 2:
-            return cls(**grid_fields(~np.asarray(room), (0.0, 0.0), 1.0))
+        grid = np.asarray(room) if _is_grid(room) else None
+        if grid is not None and grid.dtype == bool:
+            return cls(**grid_fields(~grid, (0.0, 0.0), 1.0))
+        if grid is not None:
+            raise ValueError(
+                f"map: expected a grid of booleans, such as grid > 0, got {grid.dtype}"
+            )
         if isinstance(room, list | tuple | np.ndarray):
             return cls(room)
         raise ValueError(
@@ -231,6 +237,15 @@ class Workspace(Pictured):
         """
         fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         write_map(path, fields, self.environment)
+
+
+def _is_grid(room: object) -> bool:
+    """Check for two-dimensional arrays, and lists of booleans, that are not pairs of numbers."""
+    if isinstance(room, list):
+        return bool(room) and isinstance(room[0], list) and isinstance(room[0][0], bool)
+    shape: Any = getattr(room, "shape", ())
+    kind = getattr(getattr(room, "dtype", None), "kind", "")
+    return len(shape) == 2 and (kind == "b" or (kind in "iuf" and shape[1] != 2))
 
 
 def _number(field: str, value: object) -> float:

@@ -1,5 +1,6 @@
 """The vocabulary of the errors of robots, which all studies share: `run=2% turn=1deg`."""
 
+import difflib
 import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, TypeAlias
@@ -36,10 +37,17 @@ def read_errors(texts: ErrorTexts, known: Sequence[str], needed: str = "") -> di
     """
     errors = {}
     for text in (texts,) if isinstance(texts, str) else texts:
+        if not isinstance(text, str):
+            raise ValueError(f"errors: expected NAME=VALUE, such as {known[0]}=1, got {text!r}")
         name, _, value = text.partition("=")
         parameter = f"errors {text!r}"
         if name not in known:
-            raise ValueError(f"{parameter}: expected NAME=VALUE, a name of {', '.join(known)}")
+            near = difflib.get_close_matches(name.lower(), known, 1)
+            meant = f"; did you mean {near[0]}?" if near else ""
+            names = ", ".join(known)
+            raise ValueError(f"{parameter}: expected NAME=VALUE, a name of {names}{meant}")
+        if name in errors:
+            raise ValueError(f"{parameter}: {name} is given twice")
         unit = _UNITS[name]
         with about(parameter):
             number = number_of(value, unit)

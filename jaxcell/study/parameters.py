@@ -20,11 +20,13 @@ An annotation gives the unit and the limits of a parameter, and conditions on ot
 """
 
 import dataclasses
+import difflib
 import enum
 import functools
 import math
+import numbers
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, TypeAlias, TypeVar, get_type_hints
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar, get_origin, get_type_hints
 
 
 Kind = TypeVar("Kind")
@@ -201,9 +203,47 @@ def _limits(options: Any) -> dict[str, tuple[Limit, str]]:
     return found
 
 
+@functools.cache
+def _kinds(options: Any) -> dict[str, tuple[frozenset[type], tuple[Any, ...]]]:
+    """Return the plain types and the choices of each parameter that takes nothing else."""
+    found = {}
+    for name, hint in parameters(options).items():
+        parts = [*inside(hint)]
+        choices = tuple(
+            one for part in parts if get_origin(part) is Literal for one in part.__args__
+        )
+        kinds = frozenset(part for part in parts if isinstance(part, type) and part is not tuple)
+        plain = kinds <= {int, float, bool, type(None)} and Any not in parts
+        if plain and (kinds - {type(None)} or choices):
+            found[name] = kinds, choices
+    return found
+
+
+def _check_kind(parameter: str, value: Any, kinds: frozenset[type], choices: Any) -> None:
+    if isinstance(value, tuple):
+        for part in value:
+            _check_kind(parameter, part, kinds - {type(None)}, choices)
+        return
+    whole = isinstance(value, numbers.Integral)
+    fits = {float: isinstance(value, numbers.Real), int: whole, bool: False, type(None): False}
+    fits = {bool: True} if isinstance(value, bool) else fits
+    fits = {type(None): True} if value is None else fits
+    if any(fits.get(kind, False) for kind in kinds) or (
+        isinstance(value, str | int) and value in choices
+    ):
+        return
+    near = difflib.get_close_matches(str(value), map(str, choices), 1)
+    nouns = {float: "a number", int: "a whole number", bool: "True or False"}
+    expected = listed((*choices, *(noun for kind, noun in nouns.items() if kind in kinds)))
+    meant = f"; did you mean {near[0]}?" if near else ""
+    raise ValueError(f"{parameter}: expected {expected}, got {value!r}{meant}")
+
+
 def check(options: Any) -> None:
-    """Raise `ValueError` if a parameter is beyond its limits, has no effect, or is missing."""
+    """Raise `ValueError` if a parameter has a wrong type, is out of range, idle or missing."""
     kind: Any = type(options)
+    for name, about in _kinds(kind).items():
+        _check_kind(name, getattr(options, name), *about)
     for name, (limit, unit) in _limits(kind).items():
         value = getattr(options, name)
         for number in value if isinstance(value, tuple) else (value,):

@@ -70,11 +70,11 @@ class Study:
 
     def __new__(cls: type[Own], *_: Any, **given: Any) -> Own:
         known = [field.name for field in dataclasses.fields(cls)]
-        for name in given:
-            if name not in known:
-                near = difflib.get_close_matches(name, known, 1)
-                meant = f"did you mean {near[0]}?" if near else f"it has {', '.join(known)}"
-                raise TypeError(f"{name}: {cls.__name__} has no such parameter; {meant}")
+        if wrong := [name for name in given if name not in known]:
+            near = [difflib.get_close_matches(name, known, 1) for name in wrong]
+            meant = ", ".join(found[0] for found in near if found)
+            advice = f"did you mean {meant}?" if all(near) else f"it has {', '.join(known)}"
+            raise TypeError(f"{', '.join(wrong)}: {cls.__name__} has no such parameter; {advice}")
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
@@ -85,6 +85,10 @@ class Study:
                 value = Path(with_path(str(value)))
             if Ellipsis in kinds and isinstance(value, str | Path | float | int):
                 value = (value,)
+            if Ellipsis in kinds and hasattr(value, "tolist"):
+                value = value.tolist()
+            if Ellipsis in kinds and isinstance(value, list):
+                value = tuple(value)
             if Ellipsis in kinds and isinstance(value, dict):
                 value = tuple(f"{part}={number}" for part, number in value.items())
             object.__setattr__(self, name, value)

@@ -56,8 +56,8 @@ CALLS = {
 def check_whole_numbers(name):
     call, least = CALLS[name]
     for number in (least + 0.5, least - 1, "3", None, np.nan, np.inf):
-        expected = f"{name.strip()}: expected a whole number from {least}, got {number!r}"
-        with pytest.raises(ValueError, match=re.escape(expected)) as raised:
+        expected = rf"{name.strip()}: expected a whole number( from {least})?, got "
+        with pytest.raises(ValueError, match=expected + re.escape(repr(number))) as raised:
             call(number)
         assert "\n" not in str(raised.value)
     call(least + 1.0)

@@ -220,10 +220,10 @@ class RunOnMap(Evidence):
         run, ends = self.run, self.run.candidates.tolist()
         after = f"After {run.steps:,} steps and {run.bumps:,} bumps"
         if not ends:
-            return (f"{after} the robot is refuted: it is on another map.",)
+            return (f"{after} the simulated robot is refuted: it is on another map.",)
         places = "; or at ".join(configuration(self.cells, z) for z in ends[:_NAMED])
         more = f"; or in {len(ends) - _NAMED:,} other cells" if len(ends) > _NAMED else ""
-        return (f"{after} the robot is at {places}{more}.",)
+        return (f"{after} the simulated robot is at {places}{more}.",)
 
     @functools.cached_property
     def touching(self) -> Bool[np.ndarray, "cells"]:

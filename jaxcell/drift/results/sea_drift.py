@@ -9,6 +9,7 @@ import xarray as xr
 from jaxtyping import Bool, Int
 
 from ...base.quantities import derived, from_part
+from ...currents.ocean import open_currents
 from ...mapping import Chain
 from ..beaches import Stranded
 from ..closed_sets import ClosedSets
@@ -156,7 +157,8 @@ class SeaDrift(LayeredResult):
 
         **Arguments:**
 
-        - `currents`: the currents, from [`jaxcell.drift.open_currents`][].
+        - `currents`: the currents, from [`jaxcell.drift.open_currents`][], or a dataset that this
+            function takes.
         - `step`: the step, such as one of `jaxcell.drift.METHODS`. Its duration must be 0.001 to
             1000 times the [`jaxcell.drift.crossing_time`][] of the slowest layer, and is changed to
             fit the period. By default the duration is chosen by [`jaxcell.drift.nearest_step`][] if
@@ -177,6 +179,8 @@ class SeaDrift(LayeredResult):
         `ValueError` if they take minutes and `mean` is not given.
         """
         step = step or DriftStep()
+        if "layer" not in currents.dims:
+            currents = open_currents(currents)
         count = range(currents.sizes["layer"])
         waters = [Water.of(currents, k, coast) for k in count]
         flows = [Flow.of(currents, k, diffusivity=diffusivity, coast=coast) for k in count]

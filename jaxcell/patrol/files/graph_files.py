@@ -36,6 +36,7 @@ from xml.etree.ElementTree import ParseError
 
 import numpy as np
 
+from ...base.bundled import with_path
 from ...base.documents import (
     MAX_NUMBER,
     Fields,
@@ -103,7 +104,7 @@ def load_graph(path: str | os.PathLike[str] | Any) -> tuple[Graph, tuple[str, ..
     if not isinstance(path, str | os.PathLike):
         graph = path if isinstance(path, Graph) else Graph(path)
         return graph, tuple(map(str, range(graph.vertices) if path is graph else numbered(path)))
-    path = Path(path)
+    path = Path(with_path(os.fspath(path)))
     check_file(path, "a graph")
     suffix = path.suffix.lower()
     parsers: dict[str, Callable[[str], tuple[list[Vertex], list[Edge]]]] = {

@@ -330,7 +330,9 @@ class GraphPatrol(Measures):
         idle, unit = self.worst_idleness, "steps"
         if self.timed is not None:
             idle, unit = self.timed.worst_idleness, "s"
-        if idle is not None:
+        if idle is not None and not np.isfinite(idle):
+            lines.append("In the long run the walk leaves out some vertices.")
+        elif idle is not None:
             lines.append(f"Every vertex is visited at least every {idle:.3g} {unit} in the mean.")
         return tuple(lines)
 
