@@ -35,6 +35,10 @@ _ADVICE = {
     "DecisionModel": "; DecisionModel.of(chains, reward) makes one",
 }
 
+# A protocol cannot have a method `of_input`, because it would be part of the protocol.
+CONVERTERS: dict[type, Callable[[Any], Any]] = {}
+"""Functions that make objects of a protocol of what people have."""
+
 
 def checked(function: Callable[..., Any], name: str) -> Callable[..., Any]:
     """Wrap the function `name` so that it converts its arguments to the types of its annotations.
@@ -72,8 +76,8 @@ def _checked(checks: dict[str, Callable[[Any], Any]], name: str, value: Any) -> 
 
 
 def _check_of(annotation: Any) -> Callable[[str, Any], Any] | None:
-    if getattr(annotation, "_is_protocol", False) and hasattr(annotation, "of_input"):
-        return lambda _, value: annotation.of_input(value)
+    if isinstance(annotation, type) and annotation in CONVERTERS:
+        return lambda _, value: CONVERTERS[annotation](value)
     kinds = typing.get_args(annotation) if _is_union(annotation) else (annotation,)
     own = tuple(kind for kind in kinds if _is_own(kind))
     if own and all(kind in own or kind is type(None) for kind in kinds):
@@ -162,6 +166,8 @@ def _check_number(kinds: Any, may_trace: bool, name: str, value: Any) -> Any:
     kind = getattr(getattr(value, "dtype", None), "kind", None)
     if kind is None:
         kind = {bool: "b", int: "i", float: "f"}.get(type(value), "O")
+    if kind == "f" and float not in kinds and not np.ndim(value) and float(value).is_integer():
+        return int(value)
     if kind not in ("biuf" if float in kinds else "biu") or np.ndim(value):
         raise ValueError(f"{name}: expected a {noun}, got {value!r}")
     # Whole numbers become parts of programs, and arrays of JAX have no hash.

@@ -10,6 +10,7 @@ import numpy as np
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float
 
+from ..base.arguments import CONVERTERS
 from ..base.indices import check_whole
 from ..base.shown import Shown
 from .sines import with_sines
@@ -69,8 +70,7 @@ def with_params(function: Any, count: int, name: str) -> Any:
     return _WithoutParams(function) if len(names) == count - 1 and not several else function
 
 
-# No member of the protocol, which functions of users have to match.
-setattr(Map, "of_input", lambda function: with_params(function, 2, "map"))  # noqa: B010
+CONVERTERS[Map] = lambda function: with_params(function, 2, "map")
 
 
 @dataclasses.dataclass(frozen=True)

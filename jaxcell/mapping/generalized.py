@@ -335,7 +335,7 @@ def check_arrays(image: Any, probability: Any, axes: tuple[str, ...]) -> None:
         cell, most = int(np.argmax(total)) % shape[-1], float(total.max())
         raise ValueError(
             f"probability: the numbers of cell {cell} sum to {most!r}; expected at most 1; if they "
-            "are rounded, divide the numbers of each cell by their sum"
+            "are rounded, divide numpy.asarray(P, float) by the sum of each row"
         )
     if total.ndim == 1 and (rounded := _rounded(probability, total)).size:
         warnings.warn(
