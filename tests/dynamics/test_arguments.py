@@ -65,12 +65,12 @@ def check_whole_numbers(name):
 
 WRONG = [
     (lambda: dynamics.flow(halve, np.inf, 1), "dt: expected a finite number above 0, got inf"),
-    (lambda: dynamics.flow(halve, np.ones(2), 1), "dt: expected a finite number above 0"),
+    (lambda: dynamics.flow(halve, np.ones(2), 1), "dt: expected a number, got array"),
     (lambda: dynamics.basins(halve, BOX, by="cell"), "by: expected cells or orbits"),
     (lambda: dynamics.basins(halve, BOX, dtype="int32"), "dtype: expected float32 or float64"),
     (lambda: dynamics.Corners(halve, padding=np.nan), "padding: expected a finite number"),
     (lambda: dynamics.enclose(halve, None, np.zeros(2), np.ones(1)), "box: expected corners of"),
-    (lambda: dynamics.enclose(halve, None, 0.0, 1.0), "box: expected corners"),
+    (lambda: dynamics.enclose(halve, None, 0.0, 1.0), "lower: expected an array of numbers"),
     (lambda: Box([0], [1], [1.5]), "cells: expected whole numbers, got"),
     (lambda: mapping.SimpleMap(5, True), "image: expected the image of each cell"),
     (lambda: mapping.SimpleMap(np.zeros(3, int), True), "bumped: expected a mask of shape"),
