@@ -27,7 +27,8 @@ class Rule:
     """A collision rule: the part of a step that has to stay in the closed free space.
 
     To add a rule, add its `part` to `RULES`, and its name to `Collision`. Squares and blocked steps
-    follow from the part; a rule may have functions that find them faster.
+    follow from the part; a rule may have functions that find them faster. A part may touch walls,
+    and pass points where two obstacles meet, which the functions of the rule `"swept"` forbid.
     """
 
     part: Callable[[Float[np.ndarray, "paths points 2"]], Any]

@@ -70,7 +70,7 @@ class Workspace(Pictured):
     def __init__(
         self,
         boundary: Ring,
-        obstacles: Sequence[Ring] = (),
+        obstacles: Sequence[Ring] | shapely.Polygon | shapely.MultiPolygon = (),
         robot_radius: float | int = 0.0,
         name: str = "",
         cell: float | int | None = None,
@@ -79,11 +79,14 @@ class Workspace(Pictured):
         """Create a map, and check it.
 
         A polygon is a shapely polygon without holes, or the vertices of a simple polygon, in either
-        order; the first vertex may be repeated at the end.
+        order; the first vertex may be repeated at the end. The obstacles may be one shapely polygon
+        or multipolygon.
 
         **Raises:** `ValueError` for a polygon that crosses or touches itself or has no area, a
         vertex beyond 10^7 m, an obstacle outside, or a map in which the robot fits nowhere.
         """
+        if isinstance(obstacles, shapely.Polygon | shapely.MultiPolygon):
+            obstacles = shapely.get_parts(obstacles).tolist()
         boundary, *rings = (_ring(_field(i), ring) for i, ring in enumerate([boundary, *obstacles]))
         values = {
             "boundary": boundary,

@@ -187,7 +187,7 @@ def cell_at(cells: "space.CellSpace", text: Any, parameter: str) -> int:
             cells.centre(int(text))
         return int(text)
     expected = '"x,y,heading" in metres and degrees, or a cell number'
-    x, y, heading = numbers(parameter, text, 3, expected)
+    x, y, heading = numbers(parameter, text, ("m", "m", "deg"), expected)
     width = 360 / cells.directions
     if abs(math.remainder(heading, width)) > DIRECTION_DEG:
         raise ValueError(

@@ -11,6 +11,7 @@ from .. import verify as verification
 from ..base.bundled import with_path
 from ..base.paths import digest, existing, files_read, name_in_results
 from ..base.quantities import Quantity, Result, values
+from ..base.units import number_of
 from ..base.wide import widened
 from .parameters import Headings, Unit, check, inside, parameters, within, without_effect
 
@@ -235,11 +236,16 @@ def renamed(**parameters: str) -> Iterator[None]:
         raise ValueError(f"{parameters[name]}{colon}{message}") from None
 
 
-def numbers(parameter: str, text: str, count: int, expected: str) -> list[float]:
-    """Parse `count` finite numbers, separated by commas. `expected` describes them in the error."""
+def numbers(parameter: str, text: Any, units: Sequence[str], expected: str) -> list[float]:
+    """Parse finite numbers that commas separate, one for each of `units`, or several numbers.
+
+    A number may have its unit, as in `50cm`. `expected` describes the numbers in the error.
+    """
+    several = text if isinstance(text, tuple | list) else (text,)
+    parts = text.split(",") if isinstance(text, str) else [str(part) for part in several]
     with contextlib.suppress(ValueError):
-        read = [float(part) for part in text.split(",")]
-        if len(read) == count and all(map(math.isfinite, read)):
+        read = [number_of(*pair) for pair in zip(parts, units, strict=True)]
+        if all(map(math.isfinite, read)):
             return read
     raise ValueError(f"{parameter} {text!r}: expected {expected}")
 

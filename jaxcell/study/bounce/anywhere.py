@@ -207,7 +207,8 @@ class NavigateAnywhere(AnywhereStudy):
 
     def run(self, say: Say = silent) -> Result:
         expected = '"x,y" or "x,y,radius" in metres'
-        x, y, *given = numbers("goal", self.goal, 2 + (self.goal.count(",") > 1), expected)
+        units = "mm" if f"{self.goal}".count(",") == 1 else "mmm"
+        x, y, *given = numbers("goal", self.goal, units, expected)
         (radius,) = given or [max(self.cells().cell, 0.5)]
         Limit(gt=0).check(f"goal {self.goal!r}: radius", radius, " m")
         with about(f"goal {self.goal!r}"):
@@ -225,7 +226,9 @@ def pose_at(
     """
     import shapely
 
-    x, y, heading = numbers(parameter, text, 3, '"x,y,heading" in metres and degrees')
+    x, y, heading = numbers(
+        parameter, text, ("m", "m", "deg"), '"x,y,heading" in metres and degrees'
+    )
     if not workspace.free_space.covers(shapely.Point(x, y)):
         raise ValueError(f"{parameter} {text!r}: ({x:g} m, {y:g} m) is not in the free space")
     width = 360 / (headings or math.inf)

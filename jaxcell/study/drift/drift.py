@@ -21,7 +21,10 @@ if TYPE_CHECKING:
 _DEEP = '"lon,lat,depth" in degrees and metres'
 # The default number of nearly closed sets.
 _USUAL_SETS = 3
-_PLACES = {"start": (2, '"lon,lat" in degrees'), "goal": (3, _DEEP)}
+_PLACES = {
+    "start": (("deg", "deg"), '"lon,lat" in degrees'),
+    "goal": (("deg", "deg", "m"), _DEEP),
+}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

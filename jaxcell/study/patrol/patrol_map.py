@@ -293,6 +293,6 @@ class PatrolMap(CellStudy):
 
 
 def _position(cells: "space.CellSpace", text: str, parameter: str) -> int:
-    x, y = numbers(parameter, text, 2, '"x,y" in metres')
+    x, y = numbers(parameter, text, "mm", '"x,y" in metres')
     with about(f"{parameter} {text!r}"):
         return int(cells.index(x, y)) % cells.positions
