@@ -25,8 +25,17 @@ import enum
 import functools
 import math
 import numbers
-from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal, TypeAlias, TypeVar, get_origin, get_type_hints
+from collections.abc import Iterator, Mapping, Sequence
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    Literal,
+    TypeAlias,
+    TypeVar,
+    get_origin,
+    get_type_hints,
+)
 
 
 Kind = TypeVar("Kind")
@@ -150,6 +159,25 @@ Days: TypeAlias = Annotated[float, Unit("d", "days")]
 Degrees: TypeAlias = Annotated[float, Unit("deg", "degrees")]
 Metres: TypeAlias = Annotated[float, Unit("m", "m")]
 Seconds: TypeAlias = Annotated[float, Unit("s", "s")]
+if TYPE_CHECKING:
+    Pose: TypeAlias = str | int | Sequence[float]
+    """A cell, or a pose or place as a text or as numbers."""
+else:
+    Pose = str
+# mypy takes it for true, and has no descriptors in frozen dataclasses.
+MYPY = False
+if MYPY:
+    Angles: TypeAlias = tuple[Degrees, ...]
+elif TYPE_CHECKING:
+    import numpy as np
+
+    class Angles:
+        """Angles in degrees: one or several go in, and a tuple comes out."""
+
+        def __get__(self, study: object, kind: type | None = None) -> tuple[float, ...]: ...
+        def __set__(self, study: object, angles: float | Sequence[float] | np.ndarray) -> None: ...
+else:
+    Angles = tuple[Degrees, ...]
 Length: TypeAlias = Annotated[Metres, Limit(gt=0)]
 Duration: TypeAlias = Annotated[Seconds, Limit(gt=0)]
 

@@ -10,7 +10,7 @@ from ... import bounce as bouncing, space, walls
 from ...base.quantities import Result
 from ..errors import ErrorTexts, read_errors
 from ..map_study import DIRECTION_DEG, RobotStudy
-from ..parameters import AtLeastOne, Count, Degrees, Headings, Length, Limit, Only
+from ..parameters import Angles, AtLeastOne, Count, Headings, Length, Limit, Only, Pose
 from ..study import Say, about, numbers, radians, silent
 
 
@@ -28,9 +28,9 @@ class AnywhereStudy(RobotStudy):
         "simulation": ("robots", "bumps", "radius", "slices", "seed"),
     }
 
-    bounce: tuple[Degrees, ...]
+    bounce: Angles
     """Bouncing angles in degrees, counter-clockwise; the robot chooses among several."""
-    start: str | None = None
+    start: Pose | None = None
     """Start of the first robot, "x,y,heading" in m and degrees; the others start at random, and by
     default the first, too."""
     heading: Literal["known", "unknown"] = "known"
@@ -186,7 +186,7 @@ class LocalizeAnywhere(AnywhereStudy):
     def choice(self) -> dict[str, Any]:
         return {"aim": self.aim, "ahead": self.ahead}
 
-    def run(self, say: Say = silent) -> Result:
+    def run(self, say: Say = silent) -> "bouncing.Anywhere":
         return self.simulate(say)
 
 
@@ -201,7 +201,7 @@ class NavigateAnywhere(AnywhereStudy):
     example: ClassVar[str] = "@complex --bounce 45 100 135 --goal 1,1 --measured --robots 20"
     task: ClassVar[str] = "navigate anywhere"
 
-    goal: str
+    goal: Pose
     """Goal, "x,y" or "x,y,radius" in metres. By default the radius is the side of a cell, or half a
     metre if cells are smaller."""
 
@@ -217,7 +217,7 @@ class NavigateAnywhere(AnywhereStudy):
 
 
 def pose_at(
-    workspace: "space.Workspace", text: str, parameter: str, headings: int | None
+    workspace: "space.Workspace", text: Any, parameter: str, headings: int | None
 ) -> tuple[float, float, float]:
     """Parse the pose "x,y,heading" of a parameter, and raise if a robot cannot start there.
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from ... import bounce as bouncing, space, verify as verification
 from ..errors import ErrorTexts, read_errors
 from ..map_study import MapStudy
-from ..parameters import AtLeastOne, Degrees, Limit
+from ..parameters import Angles, AtLeastOne, Limit
 from ..study import Say, radians, renamed, silent
 
 
@@ -20,7 +20,7 @@ class Cover(MapStudy):
     example: ClassVar[str] = "@complex --bounce 30 75 315 --errors turn=5deg --reliability 0.8"
     task: ClassVar[str] = "cover"
 
-    bounce: tuple[Degrees, ...]
+    bounce: Angles
     """Bouncing angles in degrees, counter-clockwise."""
     errors: ErrorTexts
     """Largest error of a turn, turn=5deg. It must be a multiple of the angle between directions."""

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from ... import bounce as bouncing, record, space, verify as verification
 from ..map_study import MapStudy
-from ..parameters import Degrees
+from ..parameters import Angles
 from ..study import Say, Wanted, every, one_each, radians, scalars, silent
 
 
@@ -33,7 +33,7 @@ class Groups(MapStudy):
     task: ClassVar[str] = "groups"
     varied: ClassVar[tuple[str, ...]] = ("bounce",)
 
-    bounce: tuple[Degrees, ...]
+    bounce: Angles
     """Bouncing angles in degrees, counter-clockwise."""
 
     def needed(self, extent: "space.Extent") -> float | int:

@@ -5,10 +5,9 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from ... import automata, bounce as bouncing, record, space, verify as verification
-from ...base.quantities import Result
 from ..errors import ErrorTexts, read_errors
 from ..map_study import MapStudy, RobotStudy, cell_at
-from ..parameters import Count, Degrees, Limit, Only
+from ..parameters import Angles, Count, Limit, Only, Pose
 from ..study import Say, radians, renamed, silent
 
 
@@ -19,9 +18,9 @@ _SEVERAL = Only(bounce=Count.SEVERAL)
 class LocalizeStudy(RobotStudy):
     """Base class of studies that localize a simulated robot."""
 
-    bounce: tuple[Degrees, ...]
+    bounce: Angles
     """Bouncing angles in degrees, counter-clockwise. A robot with several chooses one per bump."""
-    start: str | None = None
+    start: Pose | None = None
     """Start of the simulated robot: "x,y,heading" in m and degrees, or a cell number; by default a
     random cell."""
     seed: int = 0
@@ -54,7 +53,7 @@ class Localize(LocalizeStudy, MapStudy):
     cells that it cannot tell apart with these angles)."""
     aim: Annotated[Literal["worst", "mean"], _SEVERAL] = "worst"
     """Statistic to minimize: the largest (worst) or the mean number of bumps over all starts."""
-    start: Annotated[str | None, Only(offsets=False)] = None
+    start: Annotated[Pose | None, Only(offsets=False)] = None
     offsets: Annotated[bool, Only(bounce=Count.ONE, collision="swept")] = False
     """Start the robot anywhere in a cell. The walls of the map must run along the edges of cells.
     If it knows its heading, its true cell is always among the possible cells of the filter."""
@@ -79,7 +78,9 @@ class Localize(LocalizeStudy, MapStudy):
     def _chooses(self) -> bool:
         return len(self.bounce) > 1
 
-    def run(self, say: Say = silent) -> Result:
+    def run(
+        self, say: Say = silent
+    ) -> "bouncing.Localized | bouncing.OffsetLocalized | bouncing.AdaptivelyLocalized":
         cells = self.cells()
         if self.offsets:
             return self._at_any_offset(cells, say)

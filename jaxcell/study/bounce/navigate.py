@@ -6,7 +6,7 @@ from ... import bounce as bouncing, space, verify as verification
 from ...base.quantities import Result
 from ..errors import ErrorTexts, read_errors
 from ..map_study import MapStudy, RobotStudy, cell_at
-from ..parameters import Degrees, Limit
+from ..parameters import Angles, Limit, Pose
 from ..study import Say, radians, renamed, silent
 
 
@@ -17,7 +17,7 @@ _Cost: TypeAlias = Annotated[float, Limit(gt=0)]
 class PlanStudy(RobotStudy):
     """Base class of studies of the plans of a bouncing robot, which chooses an angle per bump."""
 
-    bounce: tuple[Degrees, ...]
+    bounce: Angles
     """Bouncing angles to choose from, in degrees, counter-clockwise."""
     keep: _Cost = 1.0
     """Cost of a step, and of a bump with the same angle as the previous bump."""
@@ -59,9 +59,9 @@ class Plans(PlanStudy, MapStudy):
 class WayStudy(PlanStudy):
     """Base class of studies of the plan of a bouncing robot from a start to a goal."""
 
-    start: str
+    start: Pose
     """Start of the robot: "x,y,heading" in m and degrees, or a cell number."""
-    goal: str
+    goal: Pose
     """Goal, in the same form as the start."""
 
     def plan(self, say: Say) -> "bouncing.Plan":
@@ -88,7 +88,7 @@ class Navigate(WayStudy, MapStudy):
     example: ClassVar[str] = "@complex --bounce 45 90 135 --start 0.5,1.5,0 --goal 12.5,9.5,0"
     task: ClassVar[str] = "navigate"
 
-    def run(self, say: Say = silent) -> Result:
+    def run(self, say: Say = silent) -> "bouncing.Plan":
         return self.plan(say)
 
 

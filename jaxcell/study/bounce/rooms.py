@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
 from ... import bounce as bouncing
 from ...base.limits import Collision
-from ..parameters import Degrees, Limit, WholeNumber
+from ..parameters import Angles, Limit, WholeNumber
 from ..study import Say, Study, Wanted, every, one_each, radians, silent
 
 
@@ -32,7 +32,7 @@ class Rooms(Study):
 
     room: WholeNumber
     """Number of the room, from 0."""
-    bounce: tuple[Degrees, ...]
+    bounce: Angles
     """Bouncing angles in degrees, counter-clockwise."""
     environment: Literal["random", "E1", "E2", "E3", "E4"] = "random"
     """Kind of room: with rectangles at random places (random), or an environment of Figure 2.7 of

@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 from ... import bounce as bouncing, space, verify as verification
 from ..map_study import MapStudy, cell_at
-from ..parameters import AtLeastOne, Degrees
+from ..parameters import Angles, AtLeastOne
 from ..study import Say, radians, renamed, silent
 
 
@@ -18,7 +18,7 @@ class Team(MapStudy):
     command: ClassVar[str] = "team"
     example: ClassVar[str] = "@complex --robots 4 --bounce 135"
 
-    bounce: tuple[Degrees, ...]
+    bounce: Angles
     """Bouncing angles in degrees, counter-clockwise: one for all robots, or one per robot."""
     robots: int | None = None
     """Number of robots that start at random cells; by default 2."""
