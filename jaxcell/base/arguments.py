@@ -23,7 +23,7 @@ from .wide import OnHostError, traced
 _ADVICE = {
     "Box": "; Box([0, -1], [1, 1], cells=[100, 200]) makes one",
     "CellSpace": "; CellSpace.of(map, cell, directions) makes one",
-    "Dataset": "; record.dataset(result) or drift.open_currents(path) makes one",
+    "Dataset": "; open_currents(path) makes one of a file, and record.dataset(result) of a result",
     "Filter": "; localization_filter(simple_map) makes one",
     "Graph": "; a graph of networkx or an array of edges is one",
     "Result": "; the method run of a study returns one",
