@@ -9,12 +9,21 @@ import types
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import Any, Literal, get_args, get_origin
+from typing import Any, get_args, get_origin
 
 from ..base.bundled import bundled_names, with_path
 from ..base.paths import existing
 from ..base.units import EXPECTED, number_of
-from ..study.parameters import Limit, Unit, inside, listed, parameters, within
+from ..study.parameters import (
+    Limit,
+    Unit,
+    choices_and_types,
+    did_you_mean,
+    inside,
+    listed,
+    parameters,
+    within,
+)
 from .help import is_positional, option, page
 
 
@@ -146,17 +155,14 @@ def _one(hint: Any, word: str) -> Any:
             return kind(with_path(word) if file else word)
         except ValueError:
             continue
-    near = difflib.get_close_matches(word, choices, 1)
-    meant = f"; did you mean {near[0]}?" if near else ""
+    meant = did_you_mean(word, choices)
     raise ValueError(f"expected {_expected(hint)}, got {word!r}{meant}")
 
 
 def _types(hint: Any) -> tuple[list[str], list[Any]]:
     """List the choices and the other types of the values of an option."""
-    parts = [*inside(hint)]
-    choices = [word for part in parts if get_origin(part) is Literal for word in get_args(part)]
-    kinds = [part for part in parts if isinstance(part, type) and part not in (types.NoneType, Any)]
-    return choices, [kind for kind in kinds if get_origin(kind) is None]
+    choices, kinds = choices_and_types(hint)
+    return choices, [kind for kind in kinds if kind not in (types.NoneType, Any)]
 
 
 def _unit(hint: Any) -> str:

@@ -57,12 +57,12 @@ def with_params(function: Any, count: int, name: str) -> Any:
     if not callable(function):
         raise ValueError(f"{name}: expected a function, got {function!r}")
     try:
-        given = inspect.signature(function).parameters.values()
+        parameters = inspect.signature(function).parameters.values()
     except ValueError:
         return function
     places = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
-    names = [one.name for one in given if one.kind in places]
-    several = any(one.kind is inspect.Parameter.VAR_POSITIONAL for one in given)
+    names = [parameter.name for parameter in parameters if parameter.kind in places]
+    several = any(one.kind is inspect.Parameter.VAR_POSITIONAL for one in parameters)
     if name == "field" and count == 2 and names[:1] in (["t"], ["time"]):
         raise ValueError(
             "field: it depends on time; strobe(field, period, steps) makes a map of it"

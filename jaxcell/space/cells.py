@@ -6,6 +6,7 @@ import warnings
 from typing import Any
 
 import numpy as np
+import shapely
 from jaxtyping import Bool, Float, Int
 
 from ..base.doubts import Doubt
@@ -250,10 +251,11 @@ def _nearest_positions(cells: CellSpace) -> Int[np.ndarray, "rows columns"]:
 def _arrays(kind: type | None, *values: Any) -> tuple[Any, Any]:
     """Return the namespace of values, that of JAX if it traces them, and the values as arrays."""
     xp = namespace(*values)
-    arrays = [xp.asarray(one) for one in values]
-    if wrong := [one for one in arrays if one.dtype.kind not in "biuf"]:
-        raise ValueError(f"expected numbers of cells, metres or radians, got {wrong[0]}")
-    return xp, xp.broadcast_arrays(*(xp.asarray(one, kind) for one in arrays))
+    arrays = [xp.asarray(value) for value in values]
+    for array in arrays:
+        if array.dtype.kind not in "biuf":
+            raise ValueError(f"expected numbers of cells, metres or radians, got {array}")
+    return xp, xp.broadcast_arrays(*(xp.asarray(array, kind) for array in arrays))
 
 
 def _squares(xp: Any, cells: CellSpace, x: Any, y: Any) -> tuple[tuple[Any, ...], Any]:
@@ -316,3 +318,13 @@ def along_grid(walls: Float[np.ndarray, "walls 2 2"]) -> bool:
     on_lines = np.abs(walls - np.round(walls)) < TOLERANCE
     level = np.abs(walls[:, 0] - walls[:, 1]) < TOLERANCE
     return bool(on_lines.all() and level.any(axis=1).all())
+
+
+def free_space_in_cells(cells: CellSpace) -> shapely.Geometry:
+    """Return the free space, in cells from the lower left corner of the grid."""
+    if cells.workspace is None:
+        row, column = np.divmod(cells.square, cells.position_of_square.shape[1])
+        return shapely.union_all(shapely.box(column, row, column + 1, row + 1))
+    return shapely.transform(
+        cells.workspace.free_space, lambda at: in_squares(at, cells.origin, cells.cell)
+    )

@@ -10,8 +10,7 @@ from jaxtyping import Bool, Float, Int
 from ..base.limits import Collision
 from ..base.shown import Shown
 from ..base.wide import traced
-from .cells import TOLERANCE, CellSpace
-from .occupancy import in_squares
+from .cells import TOLERANCE, CellSpace, free_space_in_cells
 from .segments import crossed_squares, meets_wall
 
 
@@ -77,9 +76,7 @@ class Rule:
         if self.quick_blocked is not None:
             return self.quick_blocked(cells.walls, centres, steps, near, wall)
         near = np.unique(near)
-        closed = shapely.transform(
-            cells.room.free_space, lambda points: in_squares(points, cells.origin, cells.cell)
-        ).buffer(TOLERANCE, join_style="mitre")
+        closed = free_space_in_cells(cells).buffer(TOLERANCE, join_style="mitre")
         shapely.prepare(closed)
         paths = centres[near][:, None, None] + np.stack([0 * steps, steps], axis=1)
         parts = self.part(paths.reshape(-1, 2, 2)).reshape(paths.shape[:2])

@@ -8,9 +8,9 @@ import numpy as np
 import shapely
 from jaxtyping import Bool
 
-from .cells import CellSpace
+from .cells import CellSpace, free_space_in_cells
 from .motion import CELL_BY_CELL, Motion
-from .occupancy import TOLERANCE, in_squares
+from .occupancy import TOLERANCE
 from .segments import displacement
 from .steps import Steps
 
@@ -42,13 +42,3 @@ def touching_steps(
         parts = motion.rule.part(np.stack([begin, begin + step], axis=1))
         touch[moved[direction]] = shapely.dwithin(parts, walls, TOLERANCE)
     return touches
-
-
-def free_space_in_cells(cells: CellSpace) -> shapely.Geometry:
-    """Return the free space, in cells from the lower left corner of the grid."""
-    if cells.workspace is None:
-        row, column = np.divmod(cells.square, cells.position_of_square.shape[1])
-        return shapely.union_all(shapely.box(column, row, column + 1, row + 1))
-    return shapely.transform(
-        cells.workspace.free_space, lambda at: in_squares(at, cells.origin, cells.cell)
-    )

@@ -1,6 +1,5 @@
 """The vocabulary of the errors of robots, which all studies share: `run=2% turn=1deg`."""
 
-import difflib
 import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, TypeAlias
@@ -8,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 import tyro
 
 from ..base.units import number_of
-from .parameters import Limit
+from .parameters import Limit, did_you_mean
 from .study import about
 
 
@@ -42,9 +41,7 @@ def read_errors(texts: ErrorTexts, known: Sequence[str], needed: str = "") -> di
         name, _, value = text.partition("=")
         parameter = f"errors {text!r}"
         if name not in known:
-            near = difflib.get_close_matches(name.lower(), known, 1)
-            meant = f"; did you mean {near[0]}?" if near else ""
-            names = ", ".join(known)
+            names, meant = ", ".join(known), did_you_mean(name.lower(), known)
             raise ValueError(f"{parameter}: expected NAME=VALUE, a name of {names}{meant}")
         if name in errors:
             raise ValueError(f"{parameter}: {name} is given twice")

@@ -25,7 +25,7 @@ import enum
 import functools
 import math
 import numbers
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import (
     TYPE_CHECKING,
     Annotated,
@@ -152,6 +152,12 @@ def listed(values: Any) -> str:
     return " or ".join(filter(None, (", ".join(texts[:-1]), texts[-1])))
 
 
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Return the end of an error that names the known word most similar to `word`, if any."""
+    near = difflib.get_close_matches(word, [*known], 1)
+    return f"; did you mean {near[0]}?" if near else ""
+
+
 AtLeastOne: TypeAlias = Annotated[int, Limit(ge=1)]
 WholeNumber: TypeAlias = Annotated[int, Limit(ge=0)]
 Share: TypeAlias = Annotated[float, Limit(ge=0, le=1)]
@@ -195,6 +201,14 @@ def inside(annotation: Any) -> Iterator[Any]:
         yield from inside(part)
 
 
+def choices_and_types(annotation: Any) -> tuple[list[Any], list[type]]:
+    """List the choices in an annotation, and the types that are no containers."""
+    parts = [*inside(annotation)]
+    choices = [one for part in parts if get_origin(part) is Literal for one in part.__args__]
+    types = [part for part in parts if isinstance(part, type) or part is Any]
+    return choices, [kind for kind in types if get_origin(kind) is None and kind is not tuple]
+
+
 def within(annotation: Any, kind: type[Kind]) -> Kind | None:
     """Return the first `Annotated` metadata of type `kind` in a type or its type arguments."""
     notes = (note for part in inside(annotation) for note in getattr(part, "__metadata__", ()))
@@ -236,14 +250,11 @@ def _kinds(options: Any) -> dict[str, tuple[frozenset[type], tuple[Any, ...]]]:
     """Return the plain types and the choices of each parameter that takes nothing else."""
     found = {}
     for name, hint in parameters(options).items():
-        parts = [*inside(hint)]
-        choices = tuple(
-            one for part in parts if get_origin(part) is Literal for one in part.__args__
-        )
-        kinds = frozenset(part for part in parts if isinstance(part, type) and part is not tuple)
-        plain = kinds <= {int, float, bool, type(None)} and Any not in parts
+        choices, types = choices_and_types(hint)
+        kinds = frozenset(types)
+        plain = kinds <= {int, float, bool, type(None)}
         if plain and (kinds - {type(None)} or choices):
-            found[name] = kinds, choices
+            found[name] = kinds, tuple(choices)
     return found
 
 
@@ -260,10 +271,9 @@ def _check_kind(parameter: str, value: Any, kinds: frozenset[type], choices: Any
         isinstance(value, str | int) and value in choices
     ):
         return
-    near = difflib.get_close_matches(str(value), map(str, choices), 1)
     nouns = {float: "a number", int: "a whole number", bool: "True or False"}
     expected = listed((*choices, *(noun for kind, noun in nouns.items() if kind in kinds)))
-    meant = f"; did you mean {near[0]}?" if near else ""
+    meant = did_you_mean(str(value), map(str, choices))
     raise ValueError(f"{parameter}: expected {expected}, got {value!r}{meant}")
 
 

@@ -84,15 +84,7 @@ class Study:
             value = getattr(self, name)
             if Path in kinds and isinstance(value, str | Path):
                 value = Path(with_path(str(value)))
-            if Ellipsis in kinds and isinstance(value, str | Path | float | int):
-                value = (value,)
-            if Ellipsis in kinds and hasattr(value, "tolist"):
-                value = value.tolist()
-            if Ellipsis in kinds and isinstance(value, list):
-                value = tuple(value)
-            if Ellipsis in kinds and isinstance(value, dict):
-                value = tuple(f"{part}={number}" for part, number in value.items())
-            object.__setattr__(self, name, value)
+            object.__setattr__(self, name, _several(value) if Ellipsis in kinds else value)
         check(self)
 
     def run(self, say: Say = silent) -> Result:
@@ -191,7 +183,11 @@ def scalars(
         ),
     )
     arrays = {name: (about, np.asarray(value)) for name, (about, value) in described.items()}
-    return {name: one for name, one in arrays.items() if one[1].dtype.kind in "biuf"}
+    return {
+        name: (about, array)
+        for name, (about, array) in arrays.items()
+        if array.dtype.kind in "biuf"
+    }
 
 
 def one_each(
@@ -205,6 +201,17 @@ def one_each(
     if len(own) != 1:
         raise ValueError(f"{parameter}: expected one value for each member, got {len(own)}")
     return np.asarray(own)
+
+
+def _several(value: Any) -> Any:
+    """Convert a single value, an array, a list or a dict to a tuple; leave others as they are."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, dict):
+        return tuple(f"{part}={number}" for part, number in value.items())
+    if isinstance(value, str | Path | float | int):
+        return (value,)
+    return tuple(value) if isinstance(value, list) else value
 
 
 @functools.cache

@@ -76,9 +76,9 @@ def study_task(
     """
     import xarray as xr
 
-    members = len(next(iter(batch.values()))) if batch else 1
+    members = _members(batch)
     found: dict[str, tuple[Quantity, list[tuple[np.ndarray, np.ndarray]]]] = {}
-    for rows, one, columns in _together(study, batch, fixed, seed, members):
+    for rows, one, columns in _together(study, batch, fixed, seed):
         numbers = one.numbers(columns, results.__contains__ if results else every)
         for name, (about, value) in numbers.items():
             found.setdefault(name, (about, []))[1].append((rows, value))
@@ -104,15 +104,15 @@ def check_members(
     study: type[Study], batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int
 ) -> None:
     """Raise `ValueError` for a wrong parameter of a member."""
-    _together(study, batch, fixed, seed, len(next(iter(batch.values()))) if batch else 1)
+    _together(study, batch, fixed, seed)
+
+
+def _members(batch: Mapping[str, np.ndarray]) -> int:
+    return len(next(iter(batch.values()))) if batch else 1
 
 
 def _together(
-    study: type[Asked],
-    batch: Mapping[str, np.ndarray],
-    fixed: Mapping[str, Any],
-    seed: int,
-    members: int,
+    study: type[Asked], batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int
 ) -> list[tuple[np.ndarray, Asked, dict[str, np.ndarray]]]:
     """Group the members that can be computed together.
 
@@ -129,7 +129,7 @@ def _together(
         for name, column in batch.items()
         if name not in varied
     ]
-    kind = np.zeros(members, np.intp)
+    kind = np.zeros(_members(batch), np.intp)
     if codes:
         kind = np.unique(np.stack(codes), axis=1, return_inverse=True)[1].reshape(-1)
     order = np.argsort(kind, kind="stable")
@@ -140,7 +140,7 @@ def _together(
         columns = {name: column[rows] for name, column in varied.items()}
         # Bounds are intervals, so all values are within them if the extremes are.
         for name, column in columns.items():
-            for extreme in np.sort(column)[[0, -1]].tolist():
+            for extreme in (column.min().item(), column.max().item()):
                 member_study(study, {**fixed, **of_first, name: extreme}, seed)
         groups.append((rows, one, columns))
     return groups

@@ -14,10 +14,10 @@ from jaxtyping import Bool, Float, Int
 
 from ...automata import Filter, Policy
 from ...space import CELL_BY_CELL, CellSpace, Motion
+from ...space.cells import free_space_in_cells
 from ...space.occupancy import TOLERANCE
 from ...space.segments import displacement
 from ...space.strides import stride_legs
-from ...space.touching import free_space_in_cells
 from ..joint_image import squares_of
 
 

@@ -83,12 +83,12 @@ class Rooms(Study):
         product = each.size * np.unique(bounce).size <= 2 * room.size
         together = max(1, _SQUARES // self.free().size) if product else 1
         by_room = np.argsort(of_room, kind="stable")
-        first = np.searchsorted(of_room[by_room], np.arange(0, each.size, together))
+        first = range(0, each.size, together)
+        parts = np.split(by_room, np.searchsorted(of_room[by_room], first)[1:])
         found: dict[str, np.ndarray] = {}
-        for rows in np.split(by_room, first[1:]):
-            number, at_room = np.unique(room[rows], return_inverse=True)
+        for start, rows in zip(first, parts, strict=True):
             angle, at_angle = np.unique(bounce[rows], return_inverse=True)
-            rooms = [self.free(one) for one in number.tolist()]
+            rooms = [self.free(one) for one in each[start : start + together].tolist()]
             numbers = bouncing.RoomGroups.numbers(
                 np.stack(rooms),
                 np.radians(angle),
@@ -98,7 +98,7 @@ class Rooms(Study):
             )
             for name, values in numbers.items():
                 column = found.setdefault(name, np.empty(room.size, values.dtype))
-                column[rows] = values[at_room, at_angle]
+                column[rows] = values[of_room[rows] - start, at_angle]
         described = quantities(bouncing.RoomGroups)
         return {name: (described[name], column) for name, column in found.items()}
 
