@@ -22,8 +22,6 @@ The probability of capturing an attack that takes `t` steps follows from the pro
 that robot `r` does not visit the attacked place in these steps:
 
     p_d = 1 - prod_r S_r(t).
-
-Most functions need 64-bit numbers, and so do the examples: set `JAX_ENABLE_X64=1`.
 """
 
 from ..base.hosted import attach
