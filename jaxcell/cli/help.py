@@ -16,7 +16,17 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from ..study.parameters import Needed, Only, Unit, conditions, inside, listed, parameters, within
+from ..study.parameters import (
+    Needed,
+    Only,
+    Unit,
+    choices_and_types,
+    conditions,
+    inside,
+    listed,
+    parameters,
+    within,
+)
 
 
 _ABOUT = """Compute the global behaviour of simple robots by cell-to-cell mapping. A map, a graph or
@@ -25,7 +35,6 @@ currents are a file, or a name such as @lab_a, which `jaxcell maps` lists. Numbe
 one process, by an estimate before it starts; work that needs less than 20 MB is never refused.
 
 Exit status: 0 done, 1 the task has no answer or --verify found a difference, 2 bad input."""
-_UNITS = {"d": "DAYS", "deg": "DEG", "m": "M", "s": "S"}
 # Default values that a page of help does not show.
 _EMPTY = {"None", "", "False"}
 # Options of many commands, which a page of help lists last.
@@ -182,12 +191,13 @@ def _metavar(name: str, hint: Any) -> str | None:
         return name.upper()
     several: list[tuple[Any, ...]]
     several = [get_args(part) for part in inside(hint) if get_origin(part) is tuple]
+    unit = within(hint, Unit)
+    word = "" if unit is None else (unit.suffix or unit.word).upper()
+    word = {"D": "DAYS"}.get(word, word)
+    word = f"INT|{word}" if word and int in choices_and_types(hint)[1] else word
     if several and Ellipsis not in several[0]:
-        return " ".join(kind.__name__.upper() for kind in several[0])
-    if (unit := within(hint, Unit)) is None:
-        return None
-    word = _UNITS[unit.suffix]
-    return f"{word} [{word} ...]" if several else word
+        return " ".join(word or kind.__name__.upper() for kind in several[0])
+    return f"{word} [{word} ...]" if word and several else word or None
 
 
 def is_positional(hint: Any) -> bool:

@@ -42,6 +42,13 @@ from jaxcell.cli.app import read
         ("patrol map @lab_a --robots auto --capture 50%", "robots", "auto"),
         ("patrol map @lab_a --robots 3", "robots", 3),
         ("sweep @rooms --timeout 2min", "timeout", 120.0),
+        ("patrol graph @eight --attack-time 1.5 min --speed 1 m/s", "attack_time", 90),
+        ("patrol graph @eight --attack-time 90 --robots 2.0", "attack_time", 90),
+        ("patrol graph @eight --speed 3.6km/h --time-unit 0.5s", "speed", 1.0),
+        ("patrol graph @eight --speed 120cm/s", "speed", 1.2),
+        ("drift @gyres --diffusivity 10m2/s", "diffusivity", 10.0),
+        ("drift @gyres --bounds=-118.1° 33.4deg -118 33.5", "bounds", (-118.1, 33.4, -118, 33.5)),
+        ("robot run plan.json --speed 20cm/s", "speed", 0.2),
     ],
 )
 def test_numbers_may_have_units_and_words_any_order(line, option, meant):
@@ -66,6 +73,12 @@ groups --bounce @lab_a
     --bounce: expected degrees such as 45 or 45deg, got '@lab_a'
 groups @lab_a --bonce 45
     there is no option --bonce; did you mean --bounce?
+patrol graph @eight --attack-time 90s
+    --attack-time: '90s' may have a unit only with --speed
+patrol graph @eight --attack-time 1.5s --speed 1
+    --attack-time: expected a whole number such as 3, or seconds such as 90, 90s, 1.5min or 2h, got '1.5s'
+patrol graph @eight --speed 1m
+    --speed: expected metres per second such as 0.5, 0.5m/s or 2km/h, got '1m'
 groups --bonce 45
     there is no option --bonce; did you mean --bounce?
 groups @lab_a --colour red
@@ -152,7 +165,7 @@ def test_a_wrong_word_is_answered_in_one_line(line, expected, monkeypatch, tmp_p
     (tmp_path / "hall.txt").write_text("...\n")
     words = shlex.split(line)
     assert main(words) == 2
-    name = " ".join(words[: 1 + (words[1:2] in (["map"], ["replay"], ["status"]))])
+    name = " ".join(words[: 1 + (words[1:2] in (["graph"], ["map"], ["replay"], ["status"]))])
     assert capsys.readouterr() == ("", f"jaxcell {name}: {expected}\n")
 
 

@@ -9,7 +9,7 @@ from ... import optimize, patrol, space, verify as verification
 from ...base import memory
 from ...base.limits import MAX_VERTICES
 from ...base.secondary import Secondary
-from ..parameters import AtLeastOne, Headings, Limit, Needed, Only, Share
+from ..parameters import AtLeastOne, Headings, Limit, Needed, Only, Share, Unit
 from ..study import Say, Study, silent
 
 
@@ -23,7 +23,8 @@ else:
     GraphFile = Path | Any
 
 
-_Positive: TypeAlias = Annotated[float, Limit(gt=0)]
+# Steps, or seconds if travel times are known.
+_Time: TypeAlias = int | Annotated[int, Unit("", "s"), Only(speed=True)]
 # Parameters that may name vertices outside a part of the graph.
 _OF_VERTICES = ("vertex", "emphasis", "visits", "attack_times", "constraints")
 # The least travel time of a round in seconds, between vertices in one place.
@@ -89,7 +90,7 @@ class PatrolGraph(Study):
     game: bool = False
     """Also find the best probabilities of choosing the commute walk or a walk toward a vertex,
     against an adversary who knows these probabilities."""
-    attack_time: Annotated[int | None, Needed(strategy="capture", attack_times=False)] = None
+    attack_time: Annotated[_Time | None, Needed(strategy="capture", attack_times=False)] = None
     """Duration of an attack in steps, or in seconds with --speed."""
     robots: AtLeastOne = 1
     """Number of patrollers, which walk independently."""
@@ -99,10 +100,12 @@ class PatrolGraph(Study):
     """Division of the graph among several robots: all patrol the whole graph (shared), or each
     patrols a part of it (partition). The result compares both. By default all patrol the whole
     graph, and nothing is compared. A walk on a part has no options that name vertices."""
-    speed: _Positive | None = None
+    speed: Annotated[float, Unit("", "m/s"), Limit(gt=0)] | None = None
     """Speed in metres per second, which determines the travel time of each edge. By default an edge
     takes one step."""
-    time_unit: Annotated[_Positive | None, Only(speed=True)] = None
+    time_unit: Annotated[Annotated[float, Unit("", "s"), Limit(gt=0)] | None, Only(speed=True)] = (
+        None
+    )
     """Unit of time in seconds. Travel times of edges are rounded up to multiples of this unit, and
     durations of attacks down, so that the walk captures at least what is computed. A smaller unit
     takes longer. By default it is 1 s or, with attacks, a fraction of the longest attack down to
