@@ -37,9 +37,9 @@ _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d{1,3})?)\s*([^\d\s]\S
 def number_of(text: str, unit: str) -> float:
     """Convert a number, with or without a unit, to the unit of a parameter.
 
-    `unit` is "m", "m/s", "m2/s", "deg", "s", "d", "share", or "" for a number without unit. A number that is
-    written without a unit has the unit of the parameter. **Raises:** `ValueError` for another text,
-    with examples of what is accepted.
+    `unit` is "m", "m/s", "m2/s", "deg", "s", "d", "share", or "" for a number without unit. A
+    number that is written without a unit has the unit of the parameter. **Raises:** `ValueError`
+    for another text, with examples of what is accepted.
 
         >>> from jaxcell.base.units import number_of
         >>> number_of("45°", "deg"), number_of("20mm", "m"), number_of("1.5min", "s")

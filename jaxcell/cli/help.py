@@ -1,11 +1,14 @@
 """Help pages: those of tyro, plus an example, and the units and conditions of options."""
 
 import ast
+import contextlib
 import difflib
 import functools
 import inspect
+import io
 import itertools
 import re
+import shutil
 import sys
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -47,18 +50,37 @@ def example(kind: Any, name: str) -> str:
 
 def page(kind: Any, name: str) -> NoReturn:
     """Print the page of help of the command `name` with the class `kind`, and exit."""
-    about = [inspect.cleandoc(kind.__doc__ or "")]
+    about = inspect.cleandoc(kind.__doc__ or "").split("\n\n")
     if one_of := getattr(kind, "one_of", ()):
         about.append(f"Needs {listed(tuple(option(kind, name) for name in one_of))}.")
     about += [f"Example: {example(kind, name)}"] if hasattr(kind, "example") else []
-    tyro.cli(
-        displayed(kind),
-        args=["--help"],
-        prog=f"jaxcell {name}",
-        description="\n\n".join(about),
-        config=(tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),
-    )
-    raise AssertionError("tyro exits after the page")
+    printed = io.TextIOWrapper(io.BytesIO(), sys.stdout.encoding)
+    printed.isatty = sys.stdout.isatty  # type: ignore[method-assign]
+    with contextlib.suppress(SystemExit), contextlib.redirect_stdout(printed):
+        tyro.cli(
+            displayed(kind),
+            args=["--help"],
+            prog=f"jaxcell {name}",
+            description="",
+            config=(tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),
+        )
+    printed.seek(0)
+    usage, _, options = printed.read().partition("\n\n")
+    # tyro adds a word to each heading.
+    line = "─" if "─" in options else " "
+    options = re.sub(r"\?(\S*) options(\S*) ", rf"?\1\2 {line * 8}", options).rstrip("\n")
+    print(*map(_filled, (usage, *about)), options, sep="\n\n")
+    sys.exit(0)
+
+
+def _filled(text: str) -> str:
+    """Break a paragraph into lines that are as long as the screen, and an example as a shell does.
+
+    Words stay whole.
+    """
+    width, end = shutil.get_terminal_size().columns, " \\" if text.startswith("Example") else ""
+    lines = textwrap.wrap(text, width - len(end), break_long_words=False, break_on_hyphens=False)
+    return f"{end}\n{'  ' if end else ''}".join(lines)
 
 
 def option(kind: type, parameter: str) -> str:
@@ -87,7 +109,7 @@ def overview(commands: Mapping[str, type], group: str = "") -> NoReturn:
     """Print a list of commands, and exit."""
     print(f"usage: jaxcell {group} COMMAND ...".replace("  ", " "))
     if not group:
-        print(f"\n{_ABOUT}")
+        print(*(f"\n{_filled(part)}" for part in _ABOUT.split("\n\n")), sep="\n")
     table = Table(box=None, show_header=False, padding=(0, 2), pad_edge=True)
     for name, kind in commands.items():
         sentence = re.split(r"(?<=[a-z)])[.;] ", " ".join((kind.__doc__ or "").split()))[0]
@@ -150,8 +172,8 @@ def displayed(kind: type) -> type:
         option: Any = Annotated[hints[one.name], shown]
         under.setdefault(heading, []).append((one.name, option, field(default=one.default)))
     own = under.pop("")
-    for heading, options in under.items():
-        name = f"{heading}_options".replace(" ", "_")
+    for number, (heading, options) in enumerate(under.items()):
+        name = f"options_{number}"
         group = make_dataclass(name, options, frozen=True, kw_only=True)
         own.append((name, Annotated[group, tyro.conf.arg(name=heading, help="")], field()))
     return make_dataclass(

@@ -75,8 +75,6 @@ groups @lab_a --bonce 45
     there is no option --bonce; did you mean --bounce?
 patrol graph @eight --attack-time 90s
     --attack-time: '90s' may have a unit only with --speed
-patrol graph @eight --attack-time 1.5s --speed 1
-    --attack-time: expected a whole number such as 3, or seconds such as 90, 90s, 1.5min or 2h, got '1.5s'
 patrol graph @eight --speed 1m
     --speed: expected metres per second such as 0.5, 0.5m/s or 2km/h, got '1m'
 groups --bonce 45

@@ -25,10 +25,16 @@ class RunOptions(Printing):
     """The options of a run of a task on a robot."""
 
     headings: ClassVar[Headings] = {
-        "driving": ("steps", "tolerance", "turn_tolerance", "speed", "calibration", "remap"),
-        "emulation": ("errors", "give", "physics", "friction", "speedup", "seed"),
-        "run": ("limit", "until", "visits", "bumps"),
-        "patrol": ("robot", "intruder", "camera"),
+        "How does the robot drive?": (
+            *("steps", "tolerance", "turn_tolerance", "speed"),
+            *("calibration", "remap"),
+        ),
+        "How is the robot emulated?": (
+            *("errors", "give", "physics"),
+            *("friction", "speedup", "seed"),
+        ),
+        "When does the run end?": ("limit", "until", "visits", "bumps"),
+        "Which robot of a patrol is it?": ("robot", "intruder", "camera"),
     }
 
     file: tyro.conf.Positional[Path]

@@ -47,9 +47,18 @@ class Drift(SeaStudy):
     example: ClassVar[str] = "@gyres --depths 0 --out runs/drift"
     task: ClassVar[str] = "drift"
     headings: ClassVar[Headings] = {
-        "current": ("grid", "time", "current", "variables", "windage", "stokes", "land", "gaps"),
-        "step": ("duration", "method", "rho", "spread", "edge", "coast", "diffusivity"),
-        "further": ("until", "drifters", "after", "resuspension", "search", "discount", "seed"),
+        "Which current carries them?": (
+            *("grid", "time", "current", "variables"),
+            *("windage", "stokes", "land", "gaps"),
+        ),
+        "How do they move in a step?": (
+            *("duration", "method", "rho", "spread"),
+            *("edge", "coast", "diffusivity"),
+        ),
+        "For how long, and how exactly?": (
+            *("until", "drifters", "after", "resuspension"),
+            *("search", "discount", "seed"),
+        ),
     }
 
     file: tyro.conf.Positional[Source] = dataclasses.field(kw_only=False)

@@ -42,9 +42,9 @@ class PatrolGraph(Study):
     example: ClassVar[str] = "@random --robots 2"
     task: ClassVar[str] = "patrol"
     headings: ClassVar[Headings] = {
-        "walk": ("share", "constraints", "paths", "memory_states"),
-        "attack": ("attack_times", "values", "time_unit"),
-        "team": ("division", "base", "charger", "every", "baselines"),
+        "How may a robot walk?": ("share", "constraints", "paths", "memory_states"),
+        "What can an adversary do?": ("attack_times", "values", "time_unit"),
+        "How do robots work together?": ("division", "base", "charger", "every", "baselines"),
     }
 
     file: tyro.conf.Positional[Annotated[GraphFile, tyro.conf.arg(constructor=Path)]] = (
