@@ -162,6 +162,8 @@ def read(args: Sequence[str]) -> tuple[str, Any]:
             overview(COMMANDS)
         elif group and words[1:2] in (["-h"], ["--help"]):
             overview(group, words[0])
+        elif group and not words[1:]:
+            overview(group, words[0], status=2)
         else:
             unknown(words, COMMANDS)
     return name, parsed(COMMANDS[name], name, words[len(name.split()) :])

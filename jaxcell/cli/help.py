@@ -105,32 +105,28 @@ def as_options(kind: type, text: str) -> str:
     return re.sub(r"`(\w+)(?:=\"(\w+)\")?`|\b(?<!-)(\w+)=(?=\w)", typed, text)
 
 
-def overview(commands: Mapping[str, type], group: str = "") -> NoReturn:
-    """Print a list of commands, and exit."""
-    print(f"usage: jaxcell {group} COMMAND ...".replace("  ", " "))
+def overview(commands: Mapping[str, type], group: str = "", status: int = 0) -> NoReturn:
+    """Print a list of commands, and exit with `status`; a `status` of 2 is an error."""
+    console = Console(highlight=False, stderr=status == 2)
+    print(f"usage: jaxcell {group} COMMAND ...".replace("  ", " "), file=console.file)
     if not group:
         print(*(f"\n{_filled(part)}" for part in _ABOUT.split("\n\n")), sep="\n")
     table = Table(box=None, show_header=False, padding=(0, 2), pad_edge=True)
     for name, kind in commands.items():
         sentence = re.split(r"(?<=[a-z)])[.;] ", " ".join((kind.__doc__ or "").split()))[0]
         table.add_row(name, sentence.rstrip("."))
-    Console(highlight=False).print(
-        "\nCommands; `jaxcell help COMMAND` describes one:\n", table, sep="\n"
-    )
-    sys.exit(0)
+    console.print("\nCommands; `jaxcell help COMMAND` describes one:\n", table, sep="\n")
+    sys.exit(status)
 
 
 def unknown(words: Sequence[str], commands: Mapping[str, type]) -> NoReturn:
     """Report an unknown command with the most similar known command, and exit."""
     groups = {name.split()[0] for name in commands if " " in name}
-    wanted = " ".join(words[:2]) if words[0] in groups else words[0]
-    similar = difflib.get_close_matches(wanted, [*commands, *groups], 1, 0.5)
-    if wanted in groups:
-        advice = (
-            f"expected one of {', '.join(name for name in commands if name.startswith(wanted))}"
-        )
-    else:
-        advice = f"did you mean {similar[0]}?" if similar else "jaxcell --help lists them"
+    group = words[0] if words[0] in groups else ""
+    wanted = " ".join(words[:2]) if group else words[0]
+    similar = difflib.get_close_matches(wanted, [*commands, *(groups - {group})], 1, 0.5)
+    lists = " ".join(filter(None, ("jaxcell", group, "--help lists them")))
+    advice = f"did you mean {similar[0]}?" if similar else lists
     print(f"jaxcell: there is no command {wanted}; {advice}", file=sys.stderr)
     sys.exit(2)
 

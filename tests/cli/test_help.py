@@ -122,7 +122,8 @@ def test_a_group_has_a_page_of_its_own(capsys, words):
     [
         (["lokalize", "map.json"], "lokalize; did you mean localize?"),
         (["robot", "chek"], "robot chek; did you mean robot check?"),
-        (["patrol"], "patrol; expected one of patrol graph, patrol map"),
+        (["patrol", "grapf"], "patrol grapf; did you mean patrol graph?"),
+        (["robot", "xyzzyxyzzy"], "robot xyzzyxyzzy; jaxcell robot --help lists them"),
         (["xyzzy"], "xyzzy; jaxcell --help lists them"),
     ],
 )
@@ -131,6 +132,14 @@ def test_a_mistyped_command_is_corrected(capsys, args, meant):
         main(args)
     assert ended.value.code == 2
     assert capsys.readouterr().err == f"jaxcell: there is no command {meant}\n"
+
+
+def test_a_group_alone_is_an_error_that_lists_its_commands(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["patrol"])
+    assert ended.value.code == 2
+    assert (said := capsys.readouterr()).out == ""
+    assert "patrol map    Compute" in said.err
 
 
 def test_options_may_be_written_with_underscores(capsys):
