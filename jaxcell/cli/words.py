@@ -33,8 +33,16 @@ _OPTION = re.compile(r"-+[^\d\W.]|--")
 _UNIT = re.compile(r"[^\d\W]+(?:[2²]?/[sh])?|[°%]")
 
 
-def parsed(kind: Any, name: str, words: Sequence[str]) -> Any:
-    """Read the options `words` of the command `name` into an instance of its class `kind`."""
+def parsed(
+    kind: Any,
+    name: str,
+    words: Sequence[str],
+    commands: Mapping[str, type] = types.MappingProxyType({}),
+) -> Any:
+    """Read the options `words` of the command `name` into an instance of its class `kind`.
+
+    `commands` are the classes of all commands, of which another may have an option.
+    """
     if not {"-h", "--help"}.isdisjoint(words):
         page(kind, name)
     hints = parameters(kind)
@@ -50,7 +58,10 @@ def parsed(kind: Any, name: str, words: Sequence[str]) -> Any:
         flag, equals, value = word.partition("=")
         flag = flag.replace("_", "-")
         if (parameter := options.get(flag)) is None:
-            raise ValueError(f"there is no option {flag}; {_advice(flag, options, name)}")
+            alike = [each for each in commands if each.split()[0] == name.split()[0]]
+            having = [each for each in alike if _has(commands[each], flag)]
+            advice = f"try {listed(tuple(having))}" if having else _advice(flag, options, name)
+            raise ValueError(f"there is no option {flag}; {advice}")
         if parameter in given:
             raise ValueError(f"{flag}: it is given twice")
         if equals:
@@ -85,6 +96,10 @@ def parsed(kind: Any, name: str, words: Sequence[str]) -> Any:
         such = getattr(kind, "example", "") or "--help"
         raise ValueError(f"missing {', '.join(missing)}; for example: jaxcell {name} {such}")
     return kind(**values)
+
+
+def _has(kind: type, flag: str) -> bool:
+    return any(option(kind, parameter) == flag for parameter in parameters(kind))
 
 
 def _required(kind: Any, names: Iterable[str]) -> list[bool]:

@@ -77,6 +77,8 @@ patrol graph @eight --attack-time 90s
     --attack-time: '90s' may have a unit only with --speed
 patrol graph @eight --speed 1m
     --speed: expected metres per second such as 0.5, 0.5m/s or 2km/h, got '1m'
+localize @lab_a --bounce 45 --errors slip=2%
+    there is no option --errors; try localize anywhere or localize slip
 groups --bonce 45
     there is no option --bonce; did you mean --bounce?
 groups @lab_a --colour red
@@ -105,6 +107,10 @@ groups lab_a
     lab_a: there is no such file; did you mean @lab_a?
 groups lab_a.json --bounce 45
     lab_a.json: there is no such file; did you mean @lab_a?
+groups empty.json --bounce 45
+    empty.json: the file is empty; save or copy it again
+groups rooms --bounce 45
+    rooms: expected a map file, got a directory; name a file in it
 groups hal.txt --bounce 45
     hal.txt: there is no such file; did you mean hall.txt?
 groups @LAB_A --bounce 45
@@ -161,6 +167,8 @@ def test_a_wrong_word_is_answered_in_one_line(line, expected, monkeypatch, tmp_p
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("jaxcell.cli.terminal.FIRST_LINE", 3600.0)
     (tmp_path / "hall.txt").write_text("...\n")
+    (tmp_path / "empty.json").touch()
+    (tmp_path / "rooms").mkdir()
     words = shlex.split(line)
     assert main(words) == 2
     name = " ".join(words[: 1 + (words[1:2] in (["graph"], ["map"], ["replay"], ["status"]))])

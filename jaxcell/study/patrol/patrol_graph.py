@@ -9,7 +9,7 @@ from ... import optimize, patrol, space, verify as verification
 from ...base import memory
 from ...base.limits import MAX_VERTICES
 from ...base.secondary import Secondary
-from ..parameters import AtLeastOne, Headings, Limit, Needed, Only, Share, Unit
+from ..parameters import AtLeastOne, Headings, Limit, Needed, Only, Share, Unit, did_you_mean
 from ..study import Say, Study, silent
 
 
@@ -241,7 +241,8 @@ class PatrolGraph(Study):
         for name in wanted:
             if name not in names:
                 listed = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
-                raise ValueError(f"{parameter}: there is no vertex {name!r}; there are {listed}")
+                meant = did_you_mean(name, names) or f"; there are {listed}"
+                raise ValueError(f"{parameter}: there is no vertex {name!r}{meant}")
         return [names.index(name) for name in wanted]
 
     def _check(self, graph: "optimize.Graph", names: Sequence[str]) -> None:
