@@ -61,9 +61,7 @@ def format_value(value: Any, about: Quantity, cells: Any = None) -> str:
     if not math.isfinite(number):
         return "never" if about.kind == "time" else f"{number}"
     if about.kind in ("share", "distribution"):
-        percent = round(100 * number, 9)
-        text = f"{percent:z.3g}"
-        return "over 99.9 %" if text == "100" and percent < 100 else f"{text} %"
+        return percent(number)
     if about.kind == "residual":
         return f"{number:z.1e}"
     if about.units in _HOURS and number >= _HOURS[about.units]:
@@ -73,6 +71,23 @@ def format_value(value: Any, about: Quantity, cells: Any = None) -> str:
     digits = 6 if precise else 3
     text = f"{round(number):,}" if whole and abs(number) < 1e15 else f"{number:.{digits}g}"
     return text + _UNITS.get(about.units, f" {about.units}")
+
+
+def percent(share: float) -> str:
+    """Format a share as a percentage, which is 100 % only if nothing is missing.
+
+    >>> from jaxcell.base.formatting import percent
+    >>> percent(0.5934), percent(0.9999), percent(1.0)
+    ('59.3 %', 'over 99.9 %', '100 %')
+    """
+    hundredths = round(100 * share, 9)
+    text = f"{hundredths:z.3g}"
+    return "over 99.9 %" if text == "100" and hundredths < 100 else f"{text} %"
+
+
+def counted(number: int, noun: str) -> str:
+    """Format a number of things, as in `1 bump` and `2,000 bumps`."""
+    return f"{number:,} {noun}{'s' * (number != 1)}"
 
 
 def in_time(hours: float) -> str:

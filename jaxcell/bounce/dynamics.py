@@ -86,11 +86,13 @@ def bounce_shift(
         nearest = jnp.round(jnp.asarray(bounce, float) * directions / (2 * math.pi))
         return (nearest % directions).astype(jnp.int32)
     angles = np.asarray(as_array(bounce, name), float)
+    if (infinite := ~np.isfinite(angles)).any():
+        wrong = np.rad2deg(angles[infinite].flat[0])
+        raise ValueError(f"{name}: {wrong:g} deg is not finite; expected an angle such as 45 deg")
     shift = angles * directions / (2 * math.pi)
     whole = np.round(shift)
-    # Infinity minus infinity is NaN, and beyond 2^53 every float64 is whole.
-    with np.errstate(invalid="ignore"):
-        wrong = ~((np.abs(shift - whole) < 1e-6) & (np.abs(shift) < 2**53))
+    # Beyond 2^53 every float64 is whole.
+    wrong = ~((np.abs(shift - whole) < 1e-6) & (np.abs(shift) < 2**53))
     if wrong.any():
         degrees = np.rad2deg(angles[wrong].flat[0])
         raise ValueError(

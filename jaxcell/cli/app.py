@@ -75,8 +75,13 @@ _MAX_LETTERS = 2000
 
 def _line(error: ValueError | OSError | MemoryError) -> str:
     """Format an error as one line of bounded length, without the system's number of the error."""
-    # Python itself says nothing.
-    text = str(error) or "the memory is too little"
+    text = str(error)
+    if isinstance(error, MemoryError) and (not text or type(error) is not MemoryError):
+        # Python says nothing, and NumPy no remedy.
+        which = f" ({text})" if text else ""
+        text = (
+            f"the memory is too little{which}; fewer or larger cells, or fewer members, need less"
+        )
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         missing = isinstance(error, FileNotFoundError)
         text = str(absent(error.filename)) if missing else f"{error.filename}: {error.strerror}"
@@ -162,9 +167,11 @@ def read(args: Sequence[str]) -> tuple[str, Any]:
             overview(COMMANDS)
         elif group and words[1:2] in (["-h"], ["--help"]):
             overview(group, words[0])
+        elif group and not words[1:]:
+            overview(group, words[0], status=2)
         else:
             unknown(words, COMMANDS)
-    return name, parsed(COMMANDS[name], name, words[len(name.split()) :])
+    return name, parsed(COMMANDS[name], name, words[len(name.split()) :], COMMANDS)
 
 
 def _name(words: Sequence[str]) -> str:

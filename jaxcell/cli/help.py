@@ -1,11 +1,14 @@
 """Help pages: those of tyro, plus an example, and the units and conditions of options."""
 
 import ast
+import contextlib
 import difflib
 import functools
 import inspect
+import io
 import itertools
 import re
+import shutil
 import sys
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -16,7 +19,17 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from ..study.parameters import Needed, Only, Unit, conditions, inside, listed, parameters, within
+from ..study.parameters import (
+    Needed,
+    Only,
+    Unit,
+    choices_and_types,
+    conditions,
+    inside,
+    listed,
+    parameters,
+    within,
+)
 
 
 _ABOUT = """Compute the global behaviour of simple robots by cell-to-cell mapping. A map, a graph or
@@ -25,7 +38,6 @@ currents are a file, or a name such as @lab_a, which `jaxcell maps` lists. Numbe
 one process, by an estimate before it starts; work that needs less than 20 MB is never refused.
 
 Exit status: 0 done, 1 the task has no answer or --verify found a difference, 2 bad input."""
-_UNITS = {"d": "DAYS", "deg": "DEG", "m": "M", "s": "S"}
 # Default values that a page of help does not show.
 _EMPTY = {"None", "", "False"}
 # Options of many commands, which a page of help lists last.
@@ -38,18 +50,37 @@ def example(kind: Any, name: str) -> str:
 
 def page(kind: Any, name: str) -> NoReturn:
     """Print the page of help of the command `name` with the class `kind`, and exit."""
-    about = [inspect.cleandoc(kind.__doc__ or "")]
+    about = inspect.cleandoc(kind.__doc__ or "").split("\n\n")
     if one_of := getattr(kind, "one_of", ()):
         about.append(f"Needs {listed(tuple(option(kind, name) for name in one_of))}.")
     about += [f"Example: {example(kind, name)}"] if hasattr(kind, "example") else []
-    tyro.cli(
-        displayed(kind),
-        args=["--help"],
-        prog=f"jaxcell {name}",
-        description="\n\n".join(about),
-        config=(tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),
-    )
-    raise AssertionError("tyro exits after the page")
+    printed = io.TextIOWrapper(io.BytesIO(), sys.stdout.encoding)
+    printed.isatty = sys.stdout.isatty  # type: ignore[method-assign]
+    with contextlib.suppress(SystemExit), contextlib.redirect_stdout(printed):
+        tyro.cli(
+            displayed(kind),
+            args=["--help"],
+            prog=f"jaxcell {name}",
+            description="",
+            config=(tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),
+        )
+    printed.seek(0)
+    usage, _, options = printed.read().partition("\n\n")
+    # tyro adds a word to each heading.
+    line = "─" if "─" in options else " "
+    options = re.sub(r"\?(\S*) options(\S*) ", rf"?\1\2 {line * 8}", options).rstrip("\n")
+    print(*map(_filled, (usage, *about)), options, sep="\n\n")
+    sys.exit(0)
+
+
+def _filled(text: str) -> str:
+    """Break a paragraph into lines that are as long as the screen, and an example as a shell does.
+
+    Words stay whole.
+    """
+    width, end = shutil.get_terminal_size().columns, " \\" if text.startswith("Example") else ""
+    lines = textwrap.wrap(text, width - len(end), break_long_words=False, break_on_hyphens=False)
+    return f"{end}\n{'  ' if end else ''}".join(lines)
 
 
 def option(kind: type, parameter: str) -> str:
@@ -74,32 +105,28 @@ def as_options(kind: type, text: str) -> str:
     return re.sub(r"`(\w+)(?:=\"(\w+)\")?`|\b(?<!-)(\w+)=(?=\w)", typed, text)
 
 
-def overview(commands: Mapping[str, type], group: str = "") -> NoReturn:
-    """Print a list of commands, and exit."""
-    print(f"usage: jaxcell {group} COMMAND ...".replace("  ", " "))
+def overview(commands: Mapping[str, type], group: str = "", status: int = 0) -> NoReturn:
+    """Print a list of commands, and exit with `status`; a `status` of 2 is an error."""
+    console = Console(highlight=False, stderr=status == 2)
+    print(f"usage: jaxcell {group} COMMAND ...".replace("  ", " "), file=console.file)
     if not group:
-        print(f"\n{_ABOUT}")
+        print(*(f"\n{_filled(part)}" for part in _ABOUT.split("\n\n")), sep="\n")
     table = Table(box=None, show_header=False, padding=(0, 2), pad_edge=True)
     for name, kind in commands.items():
         sentence = re.split(r"(?<=[a-z)])[.;] ", " ".join((kind.__doc__ or "").split()))[0]
         table.add_row(name, sentence.rstrip("."))
-    Console(highlight=False).print(
-        "\nCommands; `jaxcell help COMMAND` describes one:\n", table, sep="\n"
-    )
-    sys.exit(0)
+    console.print("\nCommands; `jaxcell help COMMAND` describes one:\n", table, sep="\n")
+    sys.exit(status)
 
 
 def unknown(words: Sequence[str], commands: Mapping[str, type]) -> NoReturn:
     """Report an unknown command with the most similar known command, and exit."""
     groups = {name.split()[0] for name in commands if " " in name}
-    wanted = " ".join(words[:2]) if words[0] in groups else words[0]
-    similar = difflib.get_close_matches(wanted, [*commands, *groups], 1, 0.5)
-    if wanted in groups:
-        advice = (
-            f"expected one of {', '.join(name for name in commands if name.startswith(wanted))}"
-        )
-    else:
-        advice = f"did you mean {similar[0]}?" if similar else "jaxcell --help lists them"
+    group = words[0] if words[0] in groups else ""
+    wanted = " ".join(words[:2]) if group else words[0]
+    similar = difflib.get_close_matches(wanted, [*commands, *(groups - {group})], 1, 0.5)
+    lists = " ".join(filter(None, ("jaxcell", group, "--help lists them")))
+    advice = f"did you mean {similar[0]}?" if similar else lists
     print(f"jaxcell: there is no command {wanted}; {advice}", file=sys.stderr)
     sys.exit(2)
 
@@ -141,8 +168,8 @@ def displayed(kind: type) -> type:
         option: Any = Annotated[hints[one.name], shown]
         under.setdefault(heading, []).append((one.name, option, field(default=one.default)))
     own = under.pop("")
-    for heading, options in under.items():
-        name = f"{heading}_options".replace(" ", "_")
+    for number, (heading, options) in enumerate(under.items()):
+        name = f"options_{number}"
         group = make_dataclass(name, options, frozen=True, kw_only=True)
         own.append((name, Annotated[group, tyro.conf.arg(name=heading, help="")], field()))
     return make_dataclass(
@@ -182,12 +209,13 @@ def _metavar(name: str, hint: Any) -> str | None:
         return name.upper()
     several: list[tuple[Any, ...]]
     several = [get_args(part) for part in inside(hint) if get_origin(part) is tuple]
+    unit = within(hint, Unit)
+    word = "" if unit is None else (unit.suffix or unit.word).upper()
+    word = {"D": "DAYS"}.get(word, word)
+    word = f"INT|{word}" if word and int in choices_and_types(hint)[1] else word
     if several and Ellipsis not in several[0]:
-        return " ".join(kind.__name__.upper() for kind in several[0])
-    if (unit := within(hint, Unit)) is None:
-        return None
-    word = _UNITS[unit.suffix]
-    return f"{word} [{word} ...]" if several else word
+        return " ".join(word or kind.__name__.upper() for kind in several[0])
+    return f"{word} [{word} ...]" if word and several else word or None
 
 
 def is_positional(hint: Any) -> bool:

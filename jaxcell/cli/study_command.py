@@ -180,7 +180,7 @@ def read_study(words: Sequence[str]) -> tuple[str, Any] | None:
         if name not in STUDY_COMMANDS:
             return None
         kind, rest = STUDY_COMMANDS[name], words[len(name.split()) :]
-    return name, parsed(kind, name, rest)
+    return name, parsed(kind, name, rest, STUDY_COMMANDS)
 
 
 def _verified(question: Study, result: Result) -> dict[str, Any]:

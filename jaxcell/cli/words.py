@@ -16,6 +16,7 @@ from ..base.paths import existing
 from ..base.units import EXPECTED, number_of
 from ..study.parameters import (
     Limit,
+    Only,
     Unit,
     choices_and_types,
     did_you_mean,
@@ -24,16 +25,24 @@ from ..study.parameters import (
     parameters,
     within,
 )
-from .help import is_positional, option, page
+from .help import as_options, is_positional, option, page
 
 
 # A number may begin with a sign, a name of an option not with a digit.
 _OPTION = re.compile(r"-+[^\d\W.]|--")
-_UNIT = re.compile(r"[^\d\W]+|[°%]")
+_UNIT = re.compile(r"[^\d\W]+(?:[2²]?/[sh])?|[°%]")
 
 
-def parsed(kind: Any, name: str, words: Sequence[str]) -> Any:
-    """Read the options `words` of the command `name` into an instance of its class `kind`."""
+def parsed(
+    kind: Any,
+    name: str,
+    words: Sequence[str],
+    commands: Mapping[str, type] = types.MappingProxyType({}),
+) -> Any:
+    """Read the options `words` of the command `name` into an instance of its class `kind`.
+
+    `commands` are the classes of all commands, of which another may have an option.
+    """
     if not {"-h", "--help"}.isdisjoint(words):
         page(kind, name)
     hints = parameters(kind)
@@ -49,7 +58,10 @@ def parsed(kind: Any, name: str, words: Sequence[str]) -> Any:
         flag, equals, value = word.partition("=")
         flag = flag.replace("_", "-")
         if (parameter := options.get(flag)) is None:
-            raise ValueError(f"there is no option {flag}; {_advice(flag, options, name)}")
+            alike = [each for each in commands if each.split()[0] == name.split()[0]]
+            having = [each for each in alike if _has(commands[each], flag)]
+            advice = f"try {listed(tuple(having))}" if having else _advice(flag, options, name)
+            raise ValueError(f"there is no option {flag}; {advice}")
         if parameter in given:
             raise ValueError(f"{flag}: it is given twice")
         if equals:
@@ -64,6 +76,12 @@ def parsed(kind: Any, name: str, words: Sequence[str]) -> Any:
         parameter: _value(option(kind, parameter), hints[parameter], texts)
         for parameter, texts in given.items()
     }
+    for parameter, texts in given.items():
+        for condition in _of_unit(hints[parameter]):
+            if not (texts[0].isdecimal() or condition.values.keys() <= given.keys()):
+                needs = as_options(kind, str(condition))
+                flag = option(kind, parameter)
+                raise ValueError(f"{flag}: {texts[0]!r} may have a unit only {needs}")
     missing = {
         option(kind, parameter): hints[parameter]
         for parameter, required in zip(hints, _required(kind, hints), strict=True)
@@ -78,6 +96,10 @@ def parsed(kind: Any, name: str, words: Sequence[str]) -> Any:
         such = getattr(kind, "example", "") or "--help"
         raise ValueError(f"missing {', '.join(missing)}; for example: jaxcell {name} {such}")
     return kind(**values)
+
+
+def _has(kind: type, flag: str) -> bool:
+    return any(option(kind, parameter) == flag for parameter in parameters(kind))
 
 
 def _required(kind: Any, names: Iterable[str]) -> list[bool]:
@@ -114,7 +136,7 @@ def _taken(flag: str, hint: Any, queue: list[str], joined: bool, wants_place: bo
             break
         taken.append(queue.pop(0))
         joined = False
-        if float in kinds and queue and _UNIT.fullmatch(queue[0]):
+        if _unit(hint) and queue and _UNIT.fullmatch(queue[0]):
             taken[-1] += queue.pop(0) if _fits(hint, taken[-1] + queue[0]) else ""
     if count is not None and len(taken) < count:
         many = _expected(hint) if count == 1 else f"{count} values"
@@ -151,6 +173,8 @@ def _one(hint: Any, word: str) -> Any:
         try:
             if kind is float:
                 return number_of(word, _unit(hint))
+            if kind is int:
+                return _whole(word, _unit(hint))
             file = kind is Path or (kind is str and word[1:] in bundled_names())
             return kind(with_path(word) if file else word)
         except ValueError:
@@ -159,22 +183,38 @@ def _one(hint: Any, word: str) -> Any:
     raise ValueError(f"expected {_expected(hint)}, got {word!r}{meant}")
 
 
+def _whole(word: str, unit: str) -> int:
+    try:
+        return int(word)
+    except ValueError:
+        if not (number := number_of(word, unit)).is_integer():
+            raise
+    return int(number)
+
+
 def _types(hint: Any) -> tuple[list[str], list[Any]]:
     """List the choices and the other types of the values of an option."""
     choices, kinds = choices_and_types(hint)
-    return choices, [kind for kind in kinds if kind not in (types.NoneType, Any)]
+    return choices, [kind for kind in dict.fromkeys(kinds) if kind not in (types.NoneType, Any)]
 
 
 def _unit(hint: Any) -> str:
     unit, limit = within(hint, Unit), within(hint, Limit)
     if unit is not None:
-        return unit.suffix
+        return unit.suffix or unit.word
     return "share" if limit is not None and 1 in (limit.le, limit.lt) else ""
+
+
+def _of_unit(hint: Any) -> Iterable[Only]:
+    """Yield the conditions for numbers with a unit, if others have none: steps or seconds."""
+    for part in [*inside(hint)][1:]:
+        yield from (note for note in getattr(part, "__metadata__", ()) if isinstance(note, Only))
 
 
 def _expected(hint: Any) -> str:
     choices, kinds = _types(hint)
-    words = {int: "a whole number such as 3", float: EXPECTED[_unit(hint)], Path: "a file"}
+    whole = "a whole number such as 3" + (f", or {EXPECTED[unit]}" if (unit := _unit(hint)) else "")
+    words = {int: whole, float: EXPECTED[unit], Path: "a file"}
     return listed((*(words.get(kind, "a text") for kind in kinds), *choices))
 
 

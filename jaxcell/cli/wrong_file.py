@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..study.parameters import listed, parameters
-from .help import is_positional
+from .help import is_positional, option
 from .info import describe
 
 
@@ -38,21 +38,33 @@ def described_instead(name: str, command: Any, error: str, commands: Mapping[str
         **_TAKEN,
         "a map": [each for each, kind in commands.items() if "map" in parameters(kind)],
     }
-    for path in _files(command):
-        if name not in commands or name == "info" or str(path) not in error:
+    for parameter, path in _files(command):
+        if name not in commands or str(path) not in error:
+            continue
+        if path.is_file() and not path.stat().st_size:
+            return f"{path}: the file is empty; save or copy it again"
+        if error.endswith("got a directory"):
+            return f"{error}; name a file in it"
+        if name == "info":
             continue
         with contextlib.suppress(ValueError, OSError, MemoryError, ImportError):
             what = re.split("[;:] ", describe(path)["what"])[0]
             begin = max((key for key in taken if what.startswith(key)), key=len, default="")
-            if begin and name not in taken[begin]:
+            flag = option(type(command), parameter)
+            if begin and flag.startswith("--") and path.suffix == ".json":
+                wanted = error.removeprefix(f"{path}: ")
+                return f"{flag} {path}: it holds {what}; {wanted}"
+            if begin and not flag.startswith("--") and name not in taken[begin]:
                 return f"{path}: it holds {what}; give it to {listed(tuple(taken[begin]))}"
     return error
 
 
-def _files(command: Any) -> Iterable[Path]:
-    """Yield the files that are written without the name of an option."""
+def _files(command: Any) -> Iterable[tuple[str, Path]]:
+    """Yield the files that a command is given, with the names of their parameters."""
     for field in dataclasses.fields(command):
-        if is_positional(parameters(type(command))[field.name]):
-            value = getattr(command, field.name)
-            values = value if isinstance(value, tuple) else (value,)
-            yield from (path for path in values if isinstance(path, Path))
+        value = getattr(command, field.name)
+        if is_positional(parameters(type(command))[field.name]) and isinstance(value, str):
+            value = Path(value)
+        for path in value if isinstance(value, tuple) else (value,):
+            if isinstance(path, Path) and path.exists():
+                yield field.name, path

@@ -230,6 +230,7 @@ def _bounds(file: OceanFile, bounds: Sequence[float | int]) -> _Box:
         raise file.error(
             "bounds", f"expected west, south, east, north with south < north, got {bounds!r}"
         )
+    sphere.warn_if_wide(bounds)
     return west, south, east, north
 
 

@@ -1,10 +1,14 @@
 """Geometry of cells on the Earth: order of coordinates, sides in metres, angle of the x axis."""
 
+import warnings
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
+
+from ..base.doubts import Doubt
 
 
 _Cells: TypeAlias = Float[np.ndarray, "y x"]
@@ -24,6 +28,18 @@ _FOLDED = 0.9
 def wrapped(lon: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
     """Wrap longitudes to the interval from -180 to 180 degrees; 180 becomes -180."""
     return (lon + 180.0) % 360.0 - 180.0
+
+
+def warn_if_wide(bounds: Sequence[float | int]) -> None:
+    """Warn if bounds cross the date line and most of the Earth: west and east may be exchanged."""
+    west, _, east, _ = bounds
+    if west > east and (width := (east - west) % 360) > 180:
+        warnings.warn(
+            f"`bounds`: from {west:g} eastward to {east:g} degrees goes {width:g} degrees round "
+            f"the Earth, across the date line; for {360 - width:g} degrees give {east:g} first",
+            Doubt,
+            stacklevel=2,
+        )
 
 
 def repeated_columns(lon: Float[np.ndarray, " x"]) -> int:

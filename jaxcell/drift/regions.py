@@ -198,8 +198,9 @@ def read_regions(
             for number, feature in enumerate(features)
         ]
     except (ValueError, KeyError, TypeError, AttributeError, shapely.errors.ShapelyError) as error:
+        got = f"no {error}" if isinstance(error, KeyError) else error
         raise ValueError(
-            f"{path}: expected a GeoJSON FeatureCollection of polygons: {error!r}"
+            f"{path}: expected a GeoJSON FeatureCollection of polygons, got {got}"
         ) from None
     lon, lat = water.lon[water.row, water.column], water.lat[water.row, water.column]
     inside = []

@@ -8,7 +8,7 @@ import tyro
 from .. import dynamics, space
 from ..base import memory
 from .loading import load_object
-from .parameters import WholeNumber
+from .parameters import WholeNumber, did_you_mean
 from .study import Say, Study, about, silent
 
 
@@ -125,6 +125,7 @@ def load_system(reference: str) -> "dynamics.System":
         if reference not in ours:
             raise ValueError(
                 f"system: expected FILE.py:NAME or one of {', '.join(ours)}, got {reference!r}"
+                f"{did_you_mean(reference, ours)}"
             )
         return ours[reference]
     with about("system"):

@@ -30,7 +30,7 @@ DIRECTION_DEG = 0.01
 class CellStudy(Study):
     """Base class of studies on the cells of a map."""
 
-    headings: ClassVar[Headings] = {"map": ("cell", "unknown")}
+    headings: ClassVar[Headings] = {"How is the map read?": ("cell", "unknown")}
 
     map: tyro.conf.Positional[Annotated[RoomLike, tyro.conf.arg(constructor=Path)]] = (
         dataclasses.field(kw_only=False)
@@ -112,7 +112,9 @@ class CellStudy(Study):
 class RobotStudy(CellStudy):
     """Base class of studies of a robot on a map, for which all of a step must be free."""
 
-    headings: ClassVar[Headings] = {"robot": ("directions", "robot_radius", "step")}
+    headings: ClassVar[Headings] = {
+        "How does the robot move?": ("directions", "robot_radius", "step")
+    }
 
     directions: AtLeastOne | None = None
     """Number of directions in which the robot can drive; by default as the map suggests, or 8."""
@@ -155,7 +157,7 @@ class RobotStudy(CellStudy):
 class MapStudy(RobotStudy):
     """Base class of studies of a bouncing robot on a map."""
 
-    headings: ClassVar[Headings] = {"robot": ("collision",)}
+    headings: ClassVar[Headings] = {"How does the robot move?": ("collision",)}
 
     collision: Collision = "swept"
     """Part of a step that must be free: all (swept), or only its end, as in Alam 2018

@@ -149,7 +149,7 @@ class Study:
     def spec_name(cls, parameter: str) -> str:
         """Return the name of a parameter in `spec`, which ends in the unit, if any: `cell_m`."""
         unit = within(parameters(cls)[parameter], Unit)
-        return parameter if unit is None else f"{parameter}_{unit.suffix}"
+        return f"{parameter}_{unit.suffix}" if unit is not None and unit.suffix else parameter
 
     def headline(self, spec: dict[str, Any]) -> str:
         """Return the line above the tables of a result, from its `spec`."""

@@ -22,7 +22,7 @@ def page(capsys, *args):
 
 def panels(said):
     """The lines under each heading of a page, by the heading."""
-    title = r"^[^\w\n]*((?:\w+ )*options|positional arguments)[^\w\n]*$"
+    title = r"^[^\w\n]*(options|positional arguments|[\w ,]+\?)[^\w\n]*$"
     _, *parts = re.split(title, said, flags=re.MULTILINE)
     return dict(zip(parts[::2], parts[1::2], strict=True))
 
@@ -32,7 +32,7 @@ def test_a_page_of_help_marks_required_options_and_has_an_example(capsys, comman
     said = page(capsys, *command.split(), "--help")
     usage, _, rest = said.partition("\n")
     assert usage.startswith(f"usage: jaxcell {command} ")
-    assert f"Example: {example(COMMANDS[command], command)}" in rest
+    assert f"Example: {example(COMMANDS[command], command)}" in rest.replace(" \\\n ", "")
     for nothing in ("None", "(default: )", "(default: False)"):
         assert nothing not in said
     # Required options come before options with a default.
@@ -86,6 +86,23 @@ def test_lines_of_help_are_as_long_as_the_screen(capsys, monkeypatch):
     )
 
 
+@pytest.mark.parametrize("width", [60, 80, 120])
+@pytest.mark.parametrize("words", ["--help", "localize --help", "navigate anywhere --help"])
+def test_no_line_of_help_is_longer_than_the_screen(capsys, monkeypatch, width, words):
+    monkeypatch.setenv("COLUMNS", str(width))
+    assert max(map(len, page(capsys, *words.split()).splitlines())) <= width
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_headings_are_questions(capsys, command):
+    own = panels(page(capsys, *command.split(), "--help")).keys()
+    assert all(heading.endswith("?") for heading in own - {"options", "positional arguments"})
+    headed = [
+        names for base in COMMANDS[command].__mro__ for names in vars(base).get("headings", {})
+    ]
+    assert set(headed) <= own
+
+
 def test_each_command_is_in_the_list(capsys):
     said = page(capsys, "--help")
     assert all(f"\n  {command}  " in said for command in COMMANDS)
@@ -105,7 +122,7 @@ def test_a_group_has_a_page_of_its_own(capsys, words):
     [
         (["lokalize", "map.json"], "lokalize; did you mean localize?"),
         (["robot", "chek"], "robot chek; did you mean robot check?"),
-        (["patrol"], "patrol; expected one of patrol graph, patrol map"),
+        (["patrol", "grapf"], "patrol grapf; did you mean patrol graph?"),
         (["xyzzy"], "xyzzy; jaxcell --help lists them"),
     ],
 )
@@ -114,6 +131,14 @@ def test_a_mistyped_command_is_corrected(capsys, args, meant):
         main(args)
     assert ended.value.code == 2
     assert capsys.readouterr().err == f"jaxcell: there is no command {meant}\n"
+
+
+def test_a_group_alone_is_an_error_that_lists_its_commands(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["patrol"])
+    assert ended.value.code == 2
+    assert (said := capsys.readouterr()).out == ""
+    assert "patrol map      Patrol a map" in said.err
 
 
 def test_options_may_be_written_with_underscores(capsys):

@@ -39,7 +39,7 @@ localize @lab_a --bounce
 localize @lab_a
     missing --bounce; for example: jaxcell localize @lab_a --bounce 135 --out runs/lab
 localize @lab_a --bounce nan
-    --bounce: nan deg is not a whole number of the 8 directions, which are 45 deg apart
+    --bounce: nan deg is not finite; expected an angle such as 45 deg
 localize @lab_a --bounce 45 --start 2,2,0
     --start '2,2,0': the point (2, 2) lies in an obstacle or too near a wall
 localize @lab_a --bounce 45 --start 99,2,0
@@ -84,8 +84,10 @@ drifters @drifters --cell 2 --nearly-closed 9999
     --nearly-closed: expected at most 72, the number of cells, got 9999
 drifters @gyres
     @gyres: it holds currents; give it to drift
+drift @gyres --depths 0 --regions @lab_a
+    --regions @lab_a: it holds a map; expected a GeoJSON FeatureCollection of ...
 dynamics lorenz63
-    SYSTEM: expected FILE.py:NAME or one of duffing, pendulum, ..., got 'lorenz63'
+    SYSTEM: expected FILE.py:NAME or one of duffing, ...; did you mean lorenz84?
 dynamics number.py:System
     SYSTEM: number.py:System: expected a jaxcell.dynamics.System, got 3
 dynamics henon --params c=1
@@ -100,6 +102,8 @@ patrol graph @eight --emphasis 2 5 2
     --emphasis: vertex '2' comes twice
 patrol graph @eight --base 9
     --base: there is no vertex '9'; there are 1, 2, 3, 4, 5, 6, 7, 8
+patrol graph @eight --emphasis 2 55
+    --emphasis: there is no vertex '55'; did you mean 5?
 patrol graph @eight --charger 2
     --every: it is needed with --charger
 patrol graph @eight --charger 2 --every 2
@@ -147,7 +151,7 @@ robot run a.jxf --ros base --port x
 robot run a.jxf --port x --remap a
     --remap: it has an effect only with --ros
 robot run a.jxf --simulate @lab_a --speed 0.7
-    --speed: expected more than 0 and at most 0.5, got 0.7
+    --speed: expected more than 0 and at most 0.5 m/s, got 0.7
 robot run filter.jxf --simulate @lab_a
     ...because the steps of filter.jxf differ between directions...
 robot run filter.jxf --simulate @lab_a --heading 30

@@ -42,6 +42,13 @@ from jaxcell.cli.app import read
         ("patrol map @lab_a --robots auto --capture 50%", "robots", "auto"),
         ("patrol map @lab_a --robots 3", "robots", 3),
         ("sweep @rooms --timeout 2min", "timeout", 120.0),
+        ("patrol graph @eight --attack-time 1.5 min --speed 1 m/s", "attack_time", 90),
+        ("patrol graph @eight --attack-time 90 --robots 2.0", "attack_time", 90),
+        ("patrol graph @eight --speed 3.6km/h --time-unit 0.5s", "speed", 1.0),
+        ("patrol graph @eight --speed 120cm/s", "speed", 1.2),
+        ("drift @gyres --diffusivity 10m2/s", "diffusivity", 10.0),
+        ("drift @gyres --bounds=-118.1° 33.4deg -118 33.5", "bounds", (-118.1, 33.4, -118, 33.5)),
+        ("robot run plan.json --speed 20cm/s", "speed", 0.2),
     ],
 )
 def test_numbers_may_have_units_and_words_any_order(line, option, meant):
@@ -66,6 +73,12 @@ groups --bounce @lab_a
     --bounce: expected degrees such as 45 or 45deg, got '@lab_a'
 groups @lab_a --bonce 45
     there is no option --bonce; did you mean --bounce?
+patrol graph @eight --attack-time 90s
+    --attack-time: '90s' may have a unit only with --speed
+patrol graph @eight --speed 1m
+    --speed: expected metres per second such as 0.5, 0.5m/s or 2km/h, got '1m'
+localize @lab_a --bounce 45 --errors slip=2%
+    there is no option --errors; try localize anywhere or localize slip
 groups --bonce 45
     there is no option --bonce; did you mean --bounce?
 groups @lab_a --colour red
@@ -94,6 +107,10 @@ groups lab_a
     lab_a: there is no such file; did you mean @lab_a?
 groups lab_a.json --bounce 45
     lab_a.json: there is no such file; did you mean @lab_a?
+groups empty.json --bounce 45
+    empty.json: the file is empty; save or copy it again
+groups rooms --bounce 45
+    rooms: expected a map file, got a directory; name a file in it
 groups hal.txt --bounce 45
     hal.txt: there is no such file; did you mean hall.txt?
 groups @LAB_A --bounce 45
@@ -150,9 +167,11 @@ def test_a_wrong_word_is_answered_in_one_line(line, expected, monkeypatch, tmp_p
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("jaxcell.cli.terminal.FIRST_LINE", 3600.0)
     (tmp_path / "hall.txt").write_text("...\n")
+    (tmp_path / "empty.json").touch()
+    (tmp_path / "rooms").mkdir()
     words = shlex.split(line)
     assert main(words) == 2
-    name = " ".join(words[: 1 + (words[1:2] in (["map"], ["replay"], ["status"]))])
+    name = " ".join(words[: 1 + (words[1:2] in (["graph"], ["map"], ["replay"], ["status"]))])
     assert capsys.readouterr() == ("", f"jaxcell {name}: {expected}\n")
 
 

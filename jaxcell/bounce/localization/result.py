@@ -9,7 +9,7 @@ from jaxtyping import Bool, Int
 
 from ...automata import Filter, Policy, Smallest, minimize
 from ...automata.filter import CONFIRM
-from ...base.formatting import configuration
+from ...base.formatting import configuration, counted, percent
 from ...base.quantities import Checks, Result, derived, from_part
 from ...space import CellSpace, Motion
 from ...space.touching import touching_steps
@@ -180,11 +180,11 @@ class Evidence(Result):
         elif self.agreement[CONFIRM] > _RARE:
             rare = (confirm for confirm, share in self.agreement.items() if share <= _RARE)
             enough = next(rare, max(self.agreement))
-            least = f"{100 * self.agreement[enough]:.2g} % with `robot run --confirm {enough}`"
+            least = f"{percent(self.agreement[enough])} with `robot run --confirm {enough}`"
             if self.agreement[enough] > _RARE:
                 least += "; another angle may leave fewer, because robots repeat longer loops"
             remarks.append(
-                f"Of robots in {ROOMS} random other rooms, {100 * self.agreement[CONFIRM]:.2g} % "
+                f"Of robots in {ROOMS} random other rooms, {percent(self.agreement[CONFIRM])} "
                 f"are localized after {CONFIRM} further observations, and {least}."
             )
         return tuple(remarks)
@@ -218,7 +218,7 @@ class RunOnMap(Evidence):
     @property
     def answer(self) -> tuple[str, ...]:
         run, ends = self.run, self.run.candidates.tolist()
-        after = f"After {run.steps:,} steps and {run.bumps:,} bumps"
+        after = f"After {counted(run.steps, 'step')} and {counted(run.bumps, 'bump')}"
         if not ends:
             return (f"{after} the simulated robot is refuted: it is on another map.",)
         places = "; or at ".join(configuration(self.cells, z) for z in ends[:_NAMED])

@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ...base.formatting import configuration
+from ...base.formatting import configuration, counted
 from ...base.quantities import Checks, Result, derived, from_part, quantity
 from ...space import CELL_BY_CELL, CellSpace, Motion
 from ..dynamics import bounce_shift, check_cell, motion_violations, moves, robots_over_time
@@ -55,7 +55,7 @@ class Plan(Result):
             return (f"There is no path from {start} to {goal}.",)
         angles = dict.fromkeys(np.rad2deg(self.turns).round(9).tolist())
         turns = f", turns by {', '.join(f'{angle:g}°' for angle in angles)}," if angles else ""
-        moves = f"{self.steps:,} steps and {self.bumps:,} bumps{turns}"
+        moves = f"{counted(self.steps, 'step')} and {counted(self.bumps, 'bump')}{turns}"
         return (f"{moves} lead from {start} to {goal}.",)
 
     @property

@@ -4,6 +4,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 from jaxtyping import Float
 
+from ...base.formatting import percent
 from ...base.quantities import Checks, derived, quantity
 from ..plans.plan import Plan
 
@@ -60,6 +61,19 @@ class SlippedPlan(Plan):
     @property
     def answered(self) -> bool:
         return self.found or self.policy_surely_arrives
+
+    @property
+    def answer(self) -> tuple[str, ...]:
+        surely = "surely arrives" if self.policy_surely_arrives else "does not surely arrive"
+        policy = f"The best policy {surely}."
+        if not self.found:
+            return *super().answer, policy
+        low, high = percent(self.plan_arrives_from), percent(self.plan_arrives_to)
+        return (
+            f"With slip this plan arrives with a probability of {percent(self.plan_arrives)} (99 % "
+            f"of estimates: {low} to {high}); {policy[0].lower()}{policy[1:]}",
+            *super().answer,
+        )
 
     @derived("", "probability, among fine cells, of arriving as soon as the plan", kind="share")
     def policy_arrives_as_soon(self) -> float:

@@ -7,6 +7,7 @@ from jaxtyping import Float, Int
 
 from ...automata import Belief, HiddenMap
 from ...automata.belief import NOWHERE, SMALL
+from ...base.formatting import configuration, counted, percent
 from ...base.quantities import PROBABILITY, Checks, Result, derived, from_part, quantity
 from ...space import CellSpace, Slip, felt_walls, nearest_cell, slipping_step, stride_legs
 from ...space.slip import ERRORS
@@ -68,6 +69,17 @@ class Slipped(Result):
     @property
     def answered(self) -> bool:
         return not self.is_nowhere
+
+    @property
+    def answer(self) -> tuple[str, ...]:
+        bumps, steps = self.bumps, self.observations.size - self.bumps
+        after = f"After {counted(steps, 'step')} and {counted(bumps, 'bump')}"
+        if self.is_nowhere or not self.candidates.size:
+            return (f"{after} the robot is on another map, by its belief.",)
+        best = int(np.argmax(self.candidate_probability))
+        place = configuration(self.cells, int(self.candidates[best]))
+        sure = percent(self.candidate_probability[best])
+        return (f"{after} the robot is at {place} with a probability of {sure}, by its belief.",)
 
     @property
     def truth(self) -> Int[np.ndarray, "times"]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import tyro
 
 from ...study.errors import ErrorTexts
-from ...study.parameters import AtLeastOne, Degrees, Headings, Limit, Metres, Only
+from ...study.parameters import AtLeastOne, Degrees, Headings, Limit, Metres, Only, Unit
 from ..output import Printing
 
 
@@ -25,10 +25,16 @@ class RunOptions(Printing):
     """The options of a run of a task on a robot."""
 
     headings: ClassVar[Headings] = {
-        "driving": ("steps", "tolerance", "turn_tolerance", "speed", "calibration", "remap"),
-        "emulation": ("errors", "give", "physics", "friction", "speedup", "seed"),
-        "run": ("limit", "until", "visits", "bumps"),
-        "patrol": ("robot", "intruder", "camera"),
+        "How does the robot drive?": (
+            *("steps", "tolerance", "turn_tolerance", "speed"),
+            *("calibration", "remap"),
+        ),
+        "How is the robot emulated?": (
+            *("errors", "give", "physics"),
+            *("friction", "speedup", "seed"),
+        ),
+        "When does the run end?": ("limit", "until", "visits", "bumps"),
+        "Which robot of a patrol is it?": ("robot", "intruder", "camera"),
     }
 
     file: tyro.conf.Positional[Path]
@@ -72,7 +78,9 @@ class RunOptions(Printing):
     turn the robot, and its wheels may slip."""
     friction: Annotated[float | None, Limit(gt=0), Only(physics=True)] = None
     """Coefficient of friction between the wheels and the floor; by default 0.8."""
-    speed: Annotated[float | None, Limit(gt=0, le=0.5), Only(ros=False, steps="encoder")] = None
+    speed: Annotated[
+        float | None, Unit("", "m/s"), Limit(gt=0, le=0.5), Only(ros=False, steps="encoder")
+    ] = None
     """Speed of the robot on straight runs in m/s, up to 0.5; by default 0.2."""
     speedup: Annotated[float, _EMULATED] = 10.0
     """Largest speed of the emulation, in emulated seconds per second."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ...base.documents import Fields
-from ...base.formatting import configuration
+from ...base.formatting import configuration, percent
 from ...base.paths import digest, name_in_results
 from ...base.results import Manifest
 from ...robot.anywhere import replay_anywhere
@@ -56,7 +56,7 @@ def show(
         rows.append(("in the way", "\n".join(met)))
     if summary.get("other_room_share") is not None:
         share, rooms = summary["other_room_share"], summary["other_rooms"]
-        found = f"{100 * share:.2g} % of robots in {rooms or 'some'} random rooms"
+        found = f"{percent(share)} of robots in {rooms or 'some'} random rooms"
         rows.append(("as sure elsewhere", found))
     if emulation is None:
         rows += [("may be in", ", ".join(f"cell {z}" for z in cells[:20]))] * bool(cells)

@@ -11,6 +11,7 @@ from typing import Annotated, Any, ClassVar
 import tyro
 
 from ... import sweep
+from ...base.formatting import counted
 from ...base.memory import check_addresses
 from ...base.paths import replacing
 from ...base.process import exit_status, library_writes
@@ -18,7 +19,7 @@ from ...study.parameters import Only, Seconds, check
 from ...sweep.storage.damage import reading
 from ..output import Printing, option_words
 from ..startup import prepare_tasks
-from ..terminal import duration, note, own_command, progress, status, stdout_on_stderr, table
+from ..terminal import duration, note, own_command, progress, say, status, stdout_on_stderr, table
 
 
 _MAX_FAILURES = 10
@@ -190,6 +191,10 @@ def show_status(folder: Path, state: "sweep.SweepStatus", as_json: bool, **more:
     if state.rate is not None and state.left is not None:
         rows.append(("members per second", f"{state.rate:,.3g}"))
         rows.append(("time left", duration(state.left)))
+    every = state.done == state.chunks
+    share = "all" if every else f"{state.done:,} of {counted(state.chunks, 'chunk')} of"
+    failed = f"{len(state.failures):,} failed" if state.failures else "none failed"
+    say(f"Computed: {share} {counted(state.members, 'member')}; {failed}.")
     table(f"{folder}: {state.task}", ("the sweep", ""), rows)
     for failure in state.failures[:_MAX_FAILURES]:
         note(in_a_line(failure))
@@ -210,12 +215,12 @@ def in_a_line(failure: "sweep.Failure") -> str:
 @contextlib.contextmanager
 def shown(doing: str) -> "Iterator[Callable[[sweep.Progress], None]]":
     """Yield a function that shows the progress of a sweep in a line that begins with `doing`."""
-    with progress(doing) as say:
+    with progress(doing) as report:
 
         def show(now: "sweep.Progress") -> None:
             rate = f", {now.rate:,.3g} members/s" if math.isfinite(now.left) else ""
             if now.waiting:
                 note(f"The sweep waits for {now.waiting}")
-            say(doing, now.done, now.chunks, f"{now.failed:,} members failed{rate}")
+            report(doing, now.done, now.chunks, f"{now.failed:,} members failed{rate}")
 
         yield show

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
 from ...base.shown import Shown
-from ...currents.sphere import EARTH_RADIUS, goes_round, on_sphere, wrapped
+from ...currents.sphere import EARTH_RADIUS, goes_round, on_sphere, warn_if_wide, wrapped
 from ...mapping import Chain
 from ..water import Water
 from .trajectories import Trajectories
@@ -175,6 +175,7 @@ def _asked(bounds: Sequence[float | int], cell: float | int) -> tuple[float, flo
     west, south, east, north = map(float, bounds)
     if not (-90 <= south < north <= 90 and np.isfinite(west + east)):
         raise ValueError(f"bounds: expected West, South, East and North, got {tuple(bounds)}")
+    warn_if_wide(bounds)
     width = (east - west) % 360 or 360.0
     columns, rows = (math.ceil(size / cell - _ROUNDING) for size in (width, north - south))
     return west, south, columns, rows

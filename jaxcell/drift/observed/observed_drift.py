@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Float, Int
 
+from ...base.formatting import counted, in_time, percent
 from ...base.quantities import derived, from_part
 from ...mapping import Chain, persistent_groups
 from ...mapping.sequence import push_on_host
@@ -104,6 +105,19 @@ class ObservedDrift(LayeredResult):
         spread = bootstrap(moves, answers, samples, seed)
         layer = LayerEnds(water, long_term_behaviour(chain, lag))
         return cls((layer,), seen, moves, spread, closed, after)
+
+    @property
+    def answer(self) -> tuple[str, ...]:
+        count, held, median, left = self.spread.value[: len(_OF_ALL)].tolist()
+        low, high = (percent(of[len(_OF_ALL) - 1]) for of in (self.spread.low, self.spread.high))
+        gone = f"{percent(left)} of the drifters have left the map"
+        groups = counted(int(count), "persistent group")
+        kept = f"{held:,.0f} of {self.cells:,} cells are in {groups}"
+        rest = f"; the median time from the others to a group or off the map is {in_time(median)}"
+        return (
+            f"{self.when[0].upper()}{self.when[1:]} {gone} (90 % of estimates: {low} to {high}).",
+            f"{kept}{rest if held < self.cells else ''}.",
+        )
 
     @property
     def remarks(self) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 
+from ...base.formatting import counted, percent
 from ...base.indices import check_whole
 from ...base.quantities import derived, from_part, quantity
 from ...space.box import Box
@@ -79,6 +80,12 @@ class MorseSets(OnBox):
     certificate: MorseCertificate
     labels: tuple[str, ...] = ()
     "The names of the axes. Without names, the axes are called `x0`, `x1`, ..."
+
+    @property
+    def answer(self) -> tuple[str, ...]:
+        sets, share = counted(self.sets, "Morse set"), percent(self.share.sum())
+        fill = f"{sets} with {share} of the box" if self.sets else "no set"
+        return (f"The recurrent points whose orbits stay in the box are in {fill}.",)
 
     @derived("", "number of Morse sets", kind="count")
     def sets(self) -> int:

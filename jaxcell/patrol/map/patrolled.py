@@ -6,6 +6,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ...base.formatting import counted, percent
 from ...base.quantities import Result, derived, from_part, quantity
 from ...optimize import Graph
 from ...space import CellSpace
@@ -139,10 +140,15 @@ class PatrolledMap(Result):
     def answer(self) -> tuple[str, ...]:
         stay, cell = self.steps_of_attack, self.least_captured
         x, y, _ = self.cells.centre(cell)
-        return (
-            f"An intruder who stays {stay:,} steps is caught with a probability of at least "
-            f"{100 * self.least_capture:.3g} %; it is least at {x:g} m, {y:g} m.",
+        caught = (
+            f"An intruder who stays {counted(stay, 'step')} is caught with a probability of at "
+            f"least {percent(self.least_capture)}; it is least at {x:g} m, {y:g} m."
         )
+        if self.wanted is None:
+            return (caught,)
+        suffice = "suffice" if self.answered else "do not suffice"
+        robots, wanted = counted(self.robots, "robot"), percent(self.wanted)
+        return (f"{robots} {suffice} to catch an intruder with a probability of {wanted}.", caught)
 
     @derived("", "probability that an intruder is caught, at least", "1", kind="share")
     def least_capture(self) -> float:

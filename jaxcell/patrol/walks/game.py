@@ -44,6 +44,13 @@ class StrategyGame(Result):
     commitment: Commitment
     "The best mixture of the strategies, and the vertex that the adversary then attacks."
 
+    @property
+    def answer(self) -> tuple[str, ...]:
+        return (
+            f"The best mixture of walks pays the patroller {self.value:.3g}, and the best walk "
+            f"alone {self.alone:.3g}; the adversary attacks vertex {self.attacked}.",
+        )
+
     @derived("strategy", "strategy", kind="coordinate")
     def strategy(self) -> list[str]:
         labels = []

@@ -319,7 +319,7 @@ class GraphPatrol(Measures):
 
     @property
     def answer(self) -> tuple[str, ...]:
-        lines = []
+        lines = [] if self.game is None else list(self.game.answer)
         if (least := self.least_capture) is not None:
             blind = self.least_blind_capture
             unseen = "" if blind is None else f" ({100 * blind:.3g} % if the adversary is blind)"

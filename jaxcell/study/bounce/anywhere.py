@@ -24,8 +24,8 @@ class AnywhereStudy(RobotStudy):
     """Base class of studies whose robots may start anywhere, not only at the centres of cells."""
 
     headings: ClassVar[Headings] = {
-        "robot": ("heading", "errors", "measured"),
-        "simulation": ("robots", "bumps", "radius", "slices", "seed"),
+        "How wrong can the robot be?": ("heading", "errors", "measured"),
+        "How is it simulated?": ("robots", "bumps", "radius", "slices", "seed"),
     }
 
     bounce: Angles

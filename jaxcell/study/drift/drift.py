@@ -9,9 +9,20 @@ import tyro
 
 from ... import drift, record, space
 from ...base import memory
-from ..parameters import AtLeastOne, Days, Duration, Headings, Length, Limit, Metres, Only, Share
+from ..parameters import (
+    AtLeastOne,
+    Days,
+    Duration,
+    Headings,
+    Length,
+    Limit,
+    Metres,
+    Only,
+    Share,
+    Unit,
+)
 from ..study import Say, about, numbers, silent
-from .sea_study import SeaStudy, Source
+from .sea_study import Bounds, SeaStudy, Source
 
 
 if TYPE_CHECKING:
@@ -36,9 +47,18 @@ class Drift(SeaStudy):
     example: ClassVar[str] = "@gyres --depths 0 --out runs/drift"
     task: ClassVar[str] = "drift"
     headings: ClassVar[Headings] = {
-        "current": ("grid", "time", "current", "variables", "windage", "stokes", "land", "gaps"),
-        "step": ("duration", "method", "rho", "spread", "edge", "coast", "diffusivity"),
-        "further": ("until", "drifters", "after", "resuspension", "search", "discount", "seed"),
+        "Which current carries them?": (
+            *("grid", "time", "current", "variables"),
+            *("windage", "stokes", "land", "gaps"),
+        ),
+        "How do they move in a step?": (
+            *("duration", "method", "rho", "spread"),
+            *("edge", "coast", "diffusivity"),
+        ),
+        "For how long, and how exactly?": (
+            *("until", "drifters", "after", "resuspension"),
+            *("search", "discount", "seed"),
+        ),
     }
 
     file: tyro.conf.Positional[Source] = dataclasses.field(kw_only=False)
@@ -55,7 +75,7 @@ class Drift(SeaStudy):
     (steady, which needs the least memory). By default changing, but mean with --method source."""
     depths: tuple[Metres, ...] = ()
     """Depths of layers in metres; by default those in the file or, if it has none, the surface."""
-    bounds: tuple[float, float, float, float] | None = None
+    bounds: Bounds | None = None
     """West, south, east and north limits of the region to read, in degrees."""
     variables: tuple[str, str] | None = None
     """Names of eastward and northward velocity variables, if the file does not identify them."""
@@ -91,7 +111,7 @@ class Drift(SeaStudy):
     """Treatment of squares without data that neither the mask nor the coastline marks as land: as
     an open edge (open), as land (land), or as an open edge except holes of up to nine squares in
     the water, which are filled with the velocity around them (fill)."""
-    diffusivity: Annotated[float, Limit(ge=0)] = 0.0
+    diffusivity: Annotated[float, Unit("", "m2/s"), Limit(ge=0)] = 0.0
     """Horizontal diffusivity in m2/s of the motion that the current does not resolve."""
     until: Annotated[Days | None, Limit(gt=0)] = None
     """Time in days after which the map is compared with simulated drifters; by default the median

@@ -7,7 +7,7 @@ from ... import drift, space
 from ...base import memory
 from ..parameters import AtLeastOne, Days, Degrees, Limit, WholeNumber
 from ..study import Say, about, silent
-from .sea_study import Files, SeaStudy
+from .sea_study import Bounds, Files, SeaStudy
 
 
 _DAY = 86_400.0
@@ -31,7 +31,7 @@ class Drifters(SeaStudy):
     """Time in days between the two observations of a drifter that make up a move."""
     cell: Annotated[Degrees, Limit(gt=0, le=90)] = 1.0
     """Side of a cell in degrees of longitude and latitude."""
-    bounds: tuple[float, float, float, float] | None = None
+    bounds: Bounds | None = None
     """West, south, east and north limits of the region to divide into cells, in degrees. The region
     crosses the date line if the east limit is less than the west limit."""
     least: AtLeastOne = 1

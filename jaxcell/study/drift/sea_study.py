@@ -1,11 +1,12 @@
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import tyro
 
 from ... import verify as verification
+from ..parameters import Unit
 from ..study import Study
 
 
@@ -18,6 +19,10 @@ if TYPE_CHECKING:
     Source: TypeAlias = Files | xarray.Dataset
 else:
     Files = Source = tuple[Path, ...]
+
+_Degrees: TypeAlias = Annotated[float, Unit("", "deg")]
+Bounds: TypeAlias = tuple[_Degrees, _Degrees, _Degrees, _Degrees]
+"""West, south, east and north limits of a region."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ from ... import optimize, patrol, space, verify as verification
 from ...base import memory
 from ...base.limits import MAX_VERTICES
 from ...base.secondary import Secondary
-from ..parameters import AtLeastOne, Headings, Limit, Needed, Only, Share
+from ..parameters import AtLeastOne, Headings, Limit, Needed, Only, Share, Unit, did_you_mean
 from ..study import Say, Study, silent
 
 
@@ -23,7 +23,8 @@ else:
     GraphFile = Path | Any
 
 
-_Positive: TypeAlias = Annotated[float, Limit(gt=0)]
+# Steps, or seconds if travel times are known.
+_Time: TypeAlias = int | Annotated[int, Unit("", "s"), Only(speed=True)]
 # Parameters that may name vertices outside a part of the graph.
 _OF_VERTICES = ("vertex", "emphasis", "visits", "attack_times", "constraints")
 # The least travel time of a round in seconds, between vertices in one place.
@@ -41,9 +42,9 @@ class PatrolGraph(Study):
     example: ClassVar[str] = "@random --robots 2"
     task: ClassVar[str] = "patrol"
     headings: ClassVar[Headings] = {
-        "walk": ("share", "constraints", "paths", "memory_states"),
-        "attack": ("attack_times", "values", "time_unit"),
-        "team": ("division", "base", "charger", "every", "baselines"),
+        "How may a robot walk?": ("share", "constraints", "paths", "memory_states"),
+        "What can an adversary do?": ("attack_times", "values", "time_unit"),
+        "How do robots work together?": ("division", "base", "charger", "every", "baselines"),
     }
 
     file: tyro.conf.Positional[Annotated[GraphFile, tyro.conf.arg(constructor=Path)]] = (
@@ -89,7 +90,7 @@ class PatrolGraph(Study):
     game: bool = False
     """Also find the best probabilities of choosing the commute walk or a walk toward a vertex,
     against an adversary who knows these probabilities."""
-    attack_time: Annotated[int | None, Needed(strategy="capture", attack_times=False)] = None
+    attack_time: Annotated[_Time | None, Needed(strategy="capture", attack_times=False)] = None
     """Duration of an attack in steps, or in seconds with --speed."""
     robots: AtLeastOne = 1
     """Number of patrollers, which walk independently."""
@@ -99,10 +100,12 @@ class PatrolGraph(Study):
     """Division of the graph among several robots: all patrol the whole graph (shared), or each
     patrols a part of it (partition). The result compares both. By default all patrol the whole
     graph, and nothing is compared. A walk on a part has no options that name vertices."""
-    speed: _Positive | None = None
+    speed: Annotated[float, Unit("", "m/s"), Limit(gt=0)] | None = None
     """Speed in metres per second, which determines the travel time of each edge. By default an edge
     takes one step."""
-    time_unit: Annotated[_Positive | None, Only(speed=True)] = None
+    time_unit: Annotated[Annotated[float, Unit("", "s"), Limit(gt=0)] | None, Only(speed=True)] = (
+        None
+    )
     """Unit of time in seconds. Travel times of edges are rounded up to multiples of this unit, and
     durations of attacks down, so that the walk captures at least what is computed. A smaller unit
     takes longer. By default it is 1 s or, with attacks, a fraction of the longest attack down to
@@ -238,7 +241,8 @@ class PatrolGraph(Study):
         for name in wanted:
             if name not in names:
                 listed = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
-                raise ValueError(f"{parameter}: there is no vertex {name!r}; there are {listed}")
+                meant = did_you_mean(name, names) or f"; there are {listed}"
+                raise ValueError(f"{parameter}: there is no vertex {name!r}{meant}")
         return [names.index(name) for name in wanted]
 
     def _check(self, graph: "optimize.Graph", names: Sequence[str]) -> None:

@@ -28,9 +28,9 @@ class PatrolMap(CellStudy):
     command: ClassVar[str] = "patrol map"
     example: ClassVar[str] = "@depot --robots 2 --range 6"
     headings: ClassVar[Headings] = {
-        "team": ("sight", "base_range", "lost"),
-        "search": ("randomness", "frontier", "initial_walks"),
-        "attack": ("distribution", "runs"),
+        "What do robots see and report?": ("sight", "base_range", "lost"),
+        "How is a walk chosen?": ("randomness", "frontier", "initial_walks"),
+        "How is an attack simulated?": ("distribution", "runs"),
     }
 
     robots: AtLeastOne | Literal["auto"] = 2

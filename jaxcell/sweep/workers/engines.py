@@ -23,6 +23,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+from ...study.parameters import did_you_mean
 from .process import Team
 from .work import Computed, Failed, Job, Waiting, compute, failure
 
@@ -81,6 +82,7 @@ def engine_named(name: str, workers: int | None = None, timeout: float | None = 
     if name not in ("local", "processes", "dask") and address is None:
         raise ValueError(
             f"engine: expected local, processes, dask or dask://host:port, got {name!r}"
+            f"{did_you_mean(name, ('local', 'processes', 'dask'))}"
         )
     if workers is not None and name not in ("processes", "dask"):
         raise ValueError(f"workers: the engine {name} takes none, got {workers}")

@@ -17,6 +17,7 @@ import numpy as np
 from ...base.process import is_ending
 from ...study import Study, parameters
 from ...study.loading import load_object
+from ...study.parameters import did_you_mean
 from ...study.study import about
 from ..design import LIST_DIMENSION
 from ..spec import Chunk, Spec
@@ -132,6 +133,7 @@ def find_task(name: str, results: tuple[str, ...] = ()) -> Task:
         if name not in TASKS:
             raise ValueError(
                 f'task: expected one of {", ".join(TASKS)}, or "module:function", got {name!r}'
+                f"{did_you_mean(name, TASKS)}"
             )
         reference = TASKS[name]
     with about("task"):
