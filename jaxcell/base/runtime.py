@@ -3,33 +3,42 @@
 import contextlib
 import os
 from pathlib import Path
-
-import jax
+from typing import Any
 
 
 def configure_jax() -> None:
-    """Turn on 64-bit numbers, and a compilation cache in a private directory of the user.
+    """Turn on 64-bit numbers, and a cache of compiled programs."""
+    import jax
+
+    for name, value in {"jax_enable_x64": True, **program_cache()}.items():
+        jax.config.update(name, value)
+
+
+def program_cache() -> dict[str, Any]:
+    """Return the settings of JAX for a cache of compiled programs in a directory of the user.
 
     JAX runs the programs in the cache, so other users must not be able to write to it. If no such
-    directory can be created, there is no cache.
+    directory can be created, there are no settings. The names in capitals are environment variables
+    for processes that import JAX later.
     """
-    jax.config.update("jax_enable_x64", True)
     home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     directory = Path(home) / "jaxcell" / "xla"
     try:
         directory.mkdir(mode=0o700, parents=True, exist_ok=True)
         directory.chmod(0o700)
     except (OSError, RuntimeError):
-        return
+        return {}
     # JAX never repairs a file that a killed process left empty.
     with contextlib.suppress(OSError):
         for entry in os.scandir(directory):
             if not entry.stat().st_size:
                 os.unlink(entry)
-    jax.config.update("jax_compilation_cache_dir", str(directory))
-    # By default JAX does not cache small programs, and most programs here are small.
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-    jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+    return {
+        "jax_compilation_cache_dir": str(directory),
+        # By default JAX does not cache small programs, and most programs here are small.
+        "jax_persistent_cache_min_compile_time_secs": 0.0,
+        "jax_persistent_cache_min_entry_size_bytes": 0,
+    }
 
 
 def compile_quickly(*flags: str) -> None:
@@ -38,6 +47,8 @@ def compile_quickly(*flags: str) -> None:
     This has no effect after the first compilation, or if the environment has `XLA_FLAGS`.
     `flags` are further flags of XLA; every version of JAX that jaxcell supports must know them.
     """
+    import jax
+
     # XLA ends the process for an unknown flag, so newer versions do not get this one.
     if jax.__version_info__ < (0, 11):
         flags += ("--xla_cpu_use_fusion_emitters=false",)

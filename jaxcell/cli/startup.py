@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterator
 
 from ..base.process import signals_deferred
+from ..base.runtime import program_cache
 from .terminal import status
 
 
@@ -26,6 +27,7 @@ def starting() -> Iterator[None]:
 
 
 def prepare_tasks() -> None:
-    """Make tasks in the working folder importable, and let JAX use 64 bits when it is imported."""
-    os.environ.setdefault("JAX_ENABLE_X64", "1")
+    """Make tasks in the working folder importable, and configure JAX for when it is imported."""
+    for name, value in {"jax_enable_x64": 1, **program_cache()}.items():
+        os.environ.setdefault(name.upper(), str(value))
     sys.path.append(os.getcwd())

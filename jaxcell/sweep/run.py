@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import math
 import os
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator
@@ -100,7 +101,7 @@ def run_sweep(
             numbers = np.intersect1d(numbers, [*chunks])
         wanted = spec.chunk_count if chunks is None else len(chunks)
         count = Count(wanted, wanted - numbers.size)
-        work = _Jobs(_job(store, checked, int(number), wide) for number in numbers)
+        work = _Jobs(store, checked, numbers, wide)
         # The failures in chunks that have not ended.
         failures: defaultdict[int, list[Failure]] = defaultdict(list)
         with (
@@ -124,13 +125,14 @@ def run_sweep(
                 if isinstance(outcome, Failed) and job.places.size > 1:
                     work.split(job)
                     continue
-                failures[job.number] += store.write(job, outcome)
-                ended = work.end(job)
-                count.add(job.places.size, ended)
+                for failed in store.write(job, outcome):
+                    failures[failed.chunk].append(failed)
+                ended = work.end(job, outcome)
+                count.add(job.places.size, len(ended))
                 if ended:
-                    report(failures.pop(job.number))
-                failed = count.failed + sum(map(len, failures.values()))
-                if max_failures is not None and failed > max_failures:
+                    report([one for number in ended for one in failures.pop(number, ())])
+                known = count.failed + sum(map(len, failures.values()))
+                if max_failures is not None and known > max_failures:
                     break
             for some in failures.values():
                 report(some)
@@ -140,27 +142,65 @@ def run_sweep(
 
 
 class _Jobs:
-    """The jobs of a run. A chunk that fails is split into halves, down to single members."""
+    """The jobs of a run: one chunk each or, if the specification gives no size, several.
 
-    def __init__(self, jobs: Iterator[Job]) -> None:
-        self._jobs = jobs
+    A job that fails is split into halves, down to single members.
+    """
+
+    def __init__(self, store: SweepStore, spec: Spec, numbers: np.ndarray, wide: bool) -> None:
+        self._store, self._spec, self._numbers, self._wide = store, spec, numbers, wide
         self._halves: list[Job] = []
-        # The number of open jobs of each chunk, less one.
-        self._open: Counter[int] = Counter()
+        # The number of chunks of a job, and the number that would take a second.
+        self._together, self._in_a_second = 1, 1.0
+        self._open = 0
+        # The number of members of each chunk that are taken and have not ended.
+        self._left: Counter[int] = Counter()
 
     def take(self) -> Job | None:
         """Return the next job, or `None` if no job is left; a later failure may add jobs."""
-        return self._halves.pop() if self._halves else next(self._jobs, None)
+        numbers = self._numbers[: self._together].tolist()
+        if not self._halves and not numbers:
+            return None
+        self._open += 1
+        if self._halves:
+            return self._halves.pop()
+        self._numbers = self._numbers[self._together :]
+        chunks = [self._spec.chunk(number) for number in numbers]
+        job = Job.of(self._spec, chunks, self._together, self._wide)
+        if not self._store.contents.chunks.keys().isdisjoint(numbers):
+            states = [self._store.read(chunk)[0].ravel() for chunk in chunks]
+            if (known := np.concatenate(states) == DONE).any():
+                job = job.part(np.flatnonzero(~known))
+        self._left.update(_sizes(job))
+        return job
 
     def split(self, job: Job) -> None:
-        halves = np.array_split(job.places, 2)
+        halves = np.array_split(np.arange(job.places.size), 2)
         self._halves += [job.part(half) for half in reversed(halves)]
-        self._open[job.number] += 1
+        self._open -= 1
 
-    def end(self, job: Job) -> bool:
-        """Count a job as done, and return whether it was the last job of its chunk."""
-        self._open[job.number] -= 1
-        return self._open[job.number] < 0
+    def end(self, job: Job, outcome: Computed | Failed) -> list[int]:
+        """Count a job as done, fit the size of later jobs, and return the chunks that ended."""
+        self._left.subtract(sizes := _sizes(job))
+        if isinstance(outcome, Computed) and not self._spec.chunk_given:
+            self._fit(job.length // math.prod(self._spec.lengths.values()), outcome.room)
+        self._open -= 1
+        return [number for number in sizes if not self._left[number]]
+
+    def _fit(self, chunks: int, room: float) -> None:
+        """Fit the size of later jobs to a job of `chunks` chunks that could be larger by `room`."""
+        # A small difference is not worth another compilation.
+        wanted = max(chunks * room, 1.0)
+        if chunks != self._together or 0.5 < wanted / self._in_a_second < 2.0:
+            return
+        self._in_a_second = wanted
+        jobs = max(math.ceil(self._numbers.size / self._in_a_second), self._open)
+        self._together = max(1, -(-self._numbers.size // jobs))
+
+
+def _sizes(job: Job) -> dict[int, int]:
+    """Return the number of members of each chunk in a job."""
+    return {number: rows.stop - rows.start for number, rows in job.by_chunk()}
 
 
 def _checked(store: SweepStore, outcome: Computed | Failed) -> Computed | Failed:
@@ -171,12 +211,6 @@ def _checked(store: SweepStore, outcome: Computed | Failed) -> Computed | Failed
         except ValueError as error:
             return failure(error)
     return outcome
-
-
-def _job(store: SweepStore, spec: Spec, number: int, wide: bool) -> Job:
-    """Create the job for the members of a chunk that are not done. `wide` means 64 bits in JAX."""
-    job, missing = Job.of(spec, spec.chunk(number), wide), (store.read(number)[0] != DONE).ravel()
-    return job if missing.all() else job.part(np.flatnonzero(missing))
 
 
 @contextlib.contextmanager

@@ -23,15 +23,15 @@ from .design import SALTELLI, Parameter, check_name, read_parameters
 _PARAMETERS = ("grid", "list", "random")
 _TABLES = ("fixed", *_PARAMETERS)
 _FIELDS = ("task", "seed", "chunk", "results", *_TABLES)
-_CHUNK = 64
 # The driver keeps a record per chunk.
 _MAX_CHUNKS = 1_000_000
+_USUAL_CHUNKS = 2048
 _MAX_LETTERS = 500
 
 
 @dataclasses.dataclass(frozen=True)
 class Chunk:
-    """Members that are computed together. Their indices along the dimensions form a box."""
+    """Members with one record in the store. Their indices along the dimensions form a box."""
 
     number: int
     "The number of the chunk, from 0, in C order: the last dimension varies fastest."
@@ -49,7 +49,9 @@ class Spec(Shown):
 
     Each parameter of a grid is a *dimension* of the sweep. A list is one dimension, `member`, and
     random samples are one dimension, `sample`. The *members* are all combinations of indices along
-    the dimensions. A *chunk* is a box of members that one call of the task computes.
+    the dimensions. A *chunk* is a box of members with one record in the store. The field `chunk` of
+    the file is its number of members, and one call of the task computes one chunk. Without it,
+    chunks are small, and one call computes as many of them as it can in about a second.
 
     A bundled specification, with 72 angles on each of two maps:
 
@@ -126,7 +128,8 @@ class Spec(Shown):
             if any(name == parameter.name for parameter in parameters):
                 raise ValueError(f"fixed.{name} is also a parameter; give only one of the two")
         sizes = {parameter.dimension: parameter.values.size for parameter in parameters}
-        lengths = _chunk_lengths(document.get("chunk", _CHUNK), sizes)
+        usual = max(1, -(-math.prod(sizes.values()) // _USUAL_CHUNKS))
+        lengths = _chunk_lengths(document.get("chunk", usual), sizes)
         about = task, seed, tuple(results), fixed
         spec = cls(path, folder, text, document, *about, parameters, lengths)
         if spec.chunk_count > _MAX_CHUNKS:
@@ -152,6 +155,11 @@ class Spec(Shown):
     def dimensions(self) -> dict[str, int]:
         """The dimensions of the sweep and their sizes, in the order of the file."""
         return {parameter.dimension: parameter.values.size for parameter in self.parameters}
+
+    @property
+    def chunk_given(self) -> bool:
+        """True if the file gives the size of chunks."""
+        return "chunk" in self.document
 
     @property
     def has_indices(self) -> bool:

@@ -69,7 +69,9 @@ def jobs_of(count, task="sweep_stub:stub", **fixed):
         if number == count:
             return None
         taken.append(number)
-        return Job(number, np.arange(1), task, {"x": np.array([number])}, fixed, 0, True)
+        return Job(
+            np.array([number]), np.arange(1), task, {"x": np.array([number])}, fixed, 0, True
+        )
 
     return take, taken
 
@@ -98,7 +100,7 @@ def test_a_worker_that_dies_is_replaced(stub_spec, tmp_path, calls):
 @pytest.mark.usefixtures("forked")
 def test_a_job_that_kills_its_workers_takes_no_other_with_it(tmp_path):
     take, _ = jobs_of(3, kill=1, folder=str(tmp_path))
-    outcomes = {job.number: outcome for job, outcome in engine_named("processes", 1)(take)}
+    outcomes = {job.numbers[0]: outcome for job, outcome in engine_named("processes", 1)(take)}
     assert outcomes[1] == Failed("its worker died each of 3 times: out of memory?")
     assert all(isinstance(outcomes[number], Computed) for number in (0, 2))
     calls = [path.name.split("-") for path in tmp_path.iterdir()]
@@ -110,7 +112,7 @@ def test_a_job_that_kills_its_workers_takes_no_other_with_it(tmp_path):
 @pytest.mark.usefixtures("forked")
 def test_a_job_that_hangs_takes_no_other_with_it():
     take, _ = jobs_of(3, hang=1)
-    outcomes = {job.number: outcome for job, outcome in engine_named("processes", 1, 5.0)(take)}
+    outcomes = {job.numbers[0]: outcome for job, outcome in engine_named("processes", 1, 5.0)(take)}
     assert outcomes[1] == Failed("TimeoutError: it was not done after 5 s")
     assert all(isinstance(outcomes[number], Computed) for number in (0, 2))
 
@@ -181,7 +183,7 @@ def test_a_cluster_by_the_file_of_its_scheduler(spec_file, tmp_path, capsys):
     with LocalCluster(**ONE_WORKER, scheduler_kwargs={"scheduler_file": str(file)}) as cluster:
         assert scheduler_address(file) == cluster.scheduler_address
         words = "sweep", spec, "--out", tmp_path / "out", "--scheduler-file", file
-        assert run(capsys, *words)[1]["done"] == 1
+        assert run(capsys, *words)[1]["done"] == 4
         status, _, error = run(capsys, *words, "--engine dask")
         assert status == 2
         assert "--scheduler-file: it has an effect only with --engine local" in error

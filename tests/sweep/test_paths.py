@@ -102,7 +102,7 @@ def test_files_are_found_relative_to_the_specification_or_the_current_folder(tmp
     )
     spec = Spec.load("../specs/spec.toml")
     resolved = with_files_found(spec)
-    assert resolved.batch(resolved.chunk(0))["map"].tolist() == [
+    assert resolved.parameters[1].values.tolist() == [
         *(f"{there}/{name}" for name in ("a.json", "both.json", "../here/b.json")),
         f"{here}/b.json",
         f"{tmp_path}/none.json",

@@ -37,7 +37,9 @@ def test_a_worker_computes_with_the_precision_of_the_driver(wide, tmp_path, monk
     before = jax.config.jax_enable_x64
     try:
         jax.config.update("jax_enable_x64", not wide)
-        job = Job(0, np.arange(2), f"{path}:width", {"a": np.arange(2.0)}, {}, 0, wide)
+        job = Job(
+            np.zeros(2, int), np.arange(2), f"{path}:width", {"a": np.arange(2.0)}, {}, 0, wide
+        )
         computed = compute(job)
     finally:
         jax.config.update("jax_enable_x64", before)

@@ -98,12 +98,12 @@ class SweepStore:
         with reading(self.folder):
             return differences(self.made, made)
 
-    def read(self, number: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    def read(self, chunk: Chunk) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Read the states and the variables of the members of a chunk."""
-        states, arrays = self.empty(self.spec.chunk(number).shape)
-        if number in self.contents.chunks:
+        states, arrays = self.empty(chunk.shape)
+        if chunk.number in self.contents.chunks:
             with reading(self.folder):
-                self._members(number).fill(states, arrays)
+                self._members(chunk.number).fill(states, arrays)
         return states, arrays
 
     def select(self, places: Sequence[np.ndarray]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -119,7 +119,7 @@ class SweepStore:
             target = np.ix_(*own)
             inside = zip(places, own, index, lengths, strict=True)
             source = np.ix_(*(along[chosen] - i * length for along, chosen, i, length in inside))
-            chunk_states, chunk_arrays = self.read(number)
+            chunk_states, chunk_arrays = self.read(self.spec.chunk(number))
             states[target] = chunk_states[source]
             for name, array in arrays.items():
                 array[target] = chunk_arrays[name][source]
@@ -153,7 +153,9 @@ class SweepStore:
 
     def has_outcomes(self, number: int) -> bool:
         """Return whether each member of a chunk is done or has failed."""
-        return number in self.contents.chunks and bool((self.read(number)[0] != TO_DO).all())
+        return number in self.contents.chunks and bool(
+            (self.read(self.spec.chunk(number))[0] != TO_DO).all()
+        )
 
     def lost_files(self) -> list[str]:
         names = self.contents.exported or {}
@@ -182,20 +184,23 @@ class SweepStore:
 
     def write(self, job: Job, outcome: Computed | Failed) -> list[Failure]:
         """Record the outcome of a job (a failed job has one member), and return the failures."""
-        chunk, places, new = self.spec.chunk(job.number), job.places.tolist(), {}
-        states, arrays = self.read(chunk.number)
-        states.reshape(-1)[places] = DONE
-        if isinstance(outcome, Failed):
-            states.reshape(-1)[places] = FAILED
-            new = dict.fromkeys(places, (outcome.message, outcome.trace))
-        else:
-            for name, array in arrays.items():
-                members = array.reshape(states.size, *array.shape[states.ndim :])
-                members[places] = outcome.variables[name].values
-        known = self._members(chunk.number).failed if chunk.number in self.contents.chunks else {}
-        others = {place: why for place, why in known.items() if place not in places}
-        self.put(chunk, states, arrays, dict(sorted({**others, **new}.items())))
-        return [*self._failures(chunk.number, new)]
+        failures: list[Failure] = []
+        for number, rows in job.by_chunk():
+            chunk, places, new = self.spec.chunk(number), job.places[rows], {}
+            states, arrays = self.read(chunk)
+            if isinstance(outcome, Failed):
+                states.flat[places] = FAILED
+                new = dict.fromkeys(places.tolist(), (outcome.message, outcome.trace))
+            else:
+                states.flat[places] = DONE
+                for name, array in arrays.items():
+                    members = array.reshape(states.size, *array.shape[states.ndim :])
+                    members[places] = outcome.variables[name].values[rows]
+            known = self._members(number).failed if number in self.contents.chunks else {}
+            others = {place: why for place, why in known.items() if place not in places}
+            self.put(chunk, states, arrays, dict(sorted({**others, **new}.items())))
+            failures += self._failures(number, new)
+        return failures
 
     def put(
         self,

@@ -23,6 +23,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+from ...base.runtime import program_cache
 from ...study.parameters import did_you_mean
 from .process import Team
 from .work import Computed, Failed, Job, Waiting, compute, failure
@@ -293,8 +294,13 @@ def _close_team(run: str) -> None:
 
 
 def worker_environment(workers: int) -> dict[str, str]:
-    """Return environment variables that divide the processors of this machine among workers."""
+    """Return environment variables of workers: a share of the processors, and a cache of programs.
+
+    A worker compiles no program that another process of the user has compiled before.
+    """
     share = str(max(len(os.sched_getaffinity(0)) // workers, 1))
     # JAX reads only PJRT_NPROC, and libraries of linear algebra read the other variables.
     names = ("PJRT_NPROC", "NPROC", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-    return {name: os.environ.get(name, share) for name in names}
+    cache = {name.upper(): str(value) for name, value in program_cache().items()}
+    settings = {**dict.fromkeys(names, share), **cache}
+    return {name: os.environ.get(name, value) for name, value in settings.items()}

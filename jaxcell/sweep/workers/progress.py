@@ -44,8 +44,8 @@ class Count:
         self.chunks, self.done, self.failed, self._members = chunks, done, 0, 0
         self._first, self._clock, self._began = done, clock, clock()
 
-    def add(self, members: int, ended: bool = True) -> None:
-        """Count computed members; `ended` is true if their chunk has ended."""
+    def add(self, members: int, ended: int = 1) -> None:
+        """Count computed members, and chunks that have ended with them."""
         self.done += ended
         self._members += members
 

@@ -1,19 +1,24 @@
 """Compute the members of a chunk in a worker. The results are NumPy arrays."""
 
+import contextlib
 import dataclasses
 import functools
+import itertools
 import json
 import math
 import os
+import resource
 import socket
 import sys
+import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...base.memory import free
 from ...base.process import is_ending
 from ...study import Study, parameters
 from ...study.loading import load_object
@@ -34,16 +39,22 @@ _WIDE = "JAX_ENABLE_X64"
 # Type codes of the numbers and booleans that Zarr supports.
 _CODES = np.typecodes["AllInteger"] + "efdFD?"
 _MAX_LINES = 30
+JOB_SECONDS = 1.0
+"""Seconds that a job takes, unless the specification gives the size of chunks."""
+# The share of the free memory by which a job may let its process grow, as there are other workers.
+_SHARE = 0.25
+# Small jobs use memory that was free in their process, which is not measured.
+_MOST_ROOM = 100.0
 
 
 @dataclasses.dataclass(frozen=True)
 class Job:
-    """A chunk to compute, or some members of a chunk."""
+    """Members to compute with one call of the task: of a chunk, or of several."""
 
-    number: int
-    "The number of the chunk."
+    numbers: np.ndarray
+    "The number of the chunk of each member; members of a chunk are adjacent."
     places: np.ndarray
-    "The indices of the members in the chunk."
+    "The index of each member in its chunk."
     task: str
     batch: Mapping[str, np.ndarray]
     fixed: Mapping[str, Any]
@@ -52,21 +63,33 @@ class Job:
     "If true, JAX computes with 64 bits."
     length: int = 0
     """The minimum number of members in a call of the task: if the job has fewer, the last member is
-    repeated. It is the same for all whole chunks, so that JAX compiles a task only once."""
+    repeated. It is the same for jobs of as many chunks, so that JAX compiles a task only once."""
     results: tuple[str, ...] = ()
     "The names of the quantities to compute, by default all."
 
     @classmethod
-    def of(cls, spec: Spec, chunk: Chunk, wide: bool) -> "Job":
-        places, length = np.arange(math.prod(chunk.shape)), math.prod(spec.lengths.values())
-        about = spec.task, spec.batch(chunk), spec.fixed, spec.seed, wide
-        return cls(chunk.number, places, *about, length, spec.results)
+    def of(cls, spec: Spec, chunks: Sequence[Chunk], count: int, wide: bool) -> "Job":
+        """Create the job for all members of some chunks, of the length of `count` chunks."""
+        sizes = [math.prod(chunk.shape) for chunk in chunks]
+        numbers = np.repeat([chunk.number for chunk in chunks], sizes)
+        places = np.concatenate([np.arange(size) for size in sizes])
+        batches = [spec.batch(chunk) for chunk in chunks]
+        batch = {name: np.concatenate([one[name] for one in batches]) for name in batches[0]}
+        length = count * math.prod(spec.lengths.values())
+        about = spec.task, batch, spec.fixed, spec.seed, wide
+        return cls(numbers, places, *about, length, spec.results)
 
-    def part(self, places: np.ndarray) -> "Job":
-        """Create a job for those members of this job whose indices in the chunk are `places`."""
-        rows = np.searchsorted(self.places, places)
+    def part(self, rows: np.ndarray) -> "Job":
+        """Create a job for those members of this job whose indices in the job are `rows`."""
         batch = {name: values[rows] for name, values in self.batch.items()}
-        return dataclasses.replace(self, places=places, batch=batch, length=0)
+        numbers, places = self.numbers[rows], self.places[rows]
+        return dataclasses.replace(self, numbers=numbers, places=places, batch=batch, length=0)
+
+    def by_chunk(self) -> Iterator[tuple[int, slice]]:
+        """Yield the number of each chunk, and the slice of the job with its members."""
+        starts = [0, *(np.flatnonzero(np.diff(self.numbers)) + 1).tolist(), self.places.size]
+        for start, stop in itertools.pairwise(starts):
+            yield int(self.numbers[start]), slice(start, stop)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,6 +110,9 @@ class Computed:
     "The variables, keyed by name; the first dimension of their arrays is `member`."
     coordinates: Mapping[str, Variable]
     "The coordinates of the other dimensions, equal in all chunks."
+    room: float = 1.0
+    """The factor by which a job may be larger to take a second and to fit in memory; 1 if it is
+    unknown because the process had not computed such a job before."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -225,7 +251,9 @@ def compute(job: Job) -> Computed | Failed:
         members = job.places.size
         rows = np.arange(max(members, job.length)).clip(max=members - 1)
         batch = {name: values[rows] for name, values in job.batch.items()}
-        return _arrays(task(batch, job.fixed, job.seed), batch, members)
+        with _measured(job.task, rows.size) as measured:
+            found = task(batch, job.fixed, job.seed)
+        return dataclasses.replace(_arrays(found, batch, members), room=measured())
     except FileNotFoundError as error:
         failed = failure(error)
         return dataclasses.replace(failed, message=f"{failed.message} (on {socket.gethostname()})")
@@ -233,6 +261,28 @@ def compute(job: Job) -> Computed | Failed:
         if isinstance(error, SystemExit) and is_ending():
             raise
         return failure(error)
+
+
+# The tasks and numbers of members that this process has computed, and so has compiled.
+_computed: set[tuple[str, int]] = set()
+
+
+@contextlib.contextmanager
+def _measured(task: str, members: int) -> Iterator[Callable[[], float]]:
+    """Measure a call of a task. Yield a function that returns `Computed.room` afterwards."""
+    room, before, began = 1.0, _peak(), time.perf_counter()
+    yield lambda: room
+    seconds, grown = time.perf_counter() - began, _peak() - before
+    if (task, members) in _computed:
+        left = free() if grown else None
+        fits = math.inf if left is None else _SHARE * left / grown
+        room = min(JOB_SECONDS / seconds, fits, _MOST_ROOM)
+    _computed.add((task, members))
+
+
+def _peak() -> int:
+    """Return the largest number of bytes that this process has had in memory."""
+    return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def failure(error: BaseException) -> Failed:

@@ -1,0 +1,104 @@
+"""The sizes of jobs, if the specification gives no size of chunks."""
+
+import math
+
+import numpy as np
+import pytest
+import sweep_workers
+from sweep_kills import tree
+
+from jaxcell.sweep import Spec, open_sweep, run_sweep
+from jaxcell.sweep.workers import work
+
+
+@pytest.fixture
+def spec(spec_file):
+    """A sweep of the stub in 1,250 chunks of two members, of which the last has one."""
+    return Spec.load(spec_file("[grid]\ny = [0.5]\nx = {count = 2499}"))
+
+
+@pytest.fixture
+def large(monkeypatch):
+    """Jobs may be larger by the greatest factor, however long they take."""
+    monkeypatch.setattr(work, "JOB_SECONDS", math.inf)
+
+
+@pytest.fixture
+def small(spec, tmp_path, monkeypatch):
+    """The files of the sweep, computed by jobs of one chunk."""
+    with monkeypatch.context() as patch:
+        patch.setattr(work, "JOB_SECONDS", 0.0)
+        run_sweep(spec, tmp_path / "small")
+    return tree(tmp_path / "small")
+
+
+@pytest.fixture(autouse=True)
+def new_process(monkeypatch):
+    """This process has computed no task yet."""
+    monkeypatch.setattr(work, "_computed", set())
+
+
+@pytest.mark.usefixtures("large")
+def test_jobs_grow_after_the_first_ones(spec, tmp_path, task):
+    assert run_sweep(spec, tmp_path / "out").complete
+    sizes = [len(batch["x"]) for batch in task[0]]
+    # The first job may compile; then the rest is in equal parts of at most 100 chunks.
+    assert sizes[:3] == [2, 2, 192]
+    assert sum(sizes[:4]) < 2499
+    # Repeated members fill the last job, and jobs of equal sizes leave no more than a few.
+    assert sum(sizes) < 2499 + 2 * len(sizes)
+    assert len(sizes) <= 2 + 13
+
+
+@pytest.mark.usefixtures("large")
+def test_the_result_does_not_depend_on_the_sizes_of_jobs(spec, tmp_path, small):
+    assert run_sweep(spec, tmp_path / "out").complete
+    assert tree(tmp_path / "out") == small
+
+
+@pytest.mark.usefixtures("large")
+def test_processes_choose_sizes_themselves(spec, tmp_path, small, monkeypatch):
+    monkeypatch.setattr("jaxcell.sweep.workers.process.subprocess", sweep_workers.FORKED)
+    with sweep_workers.server():
+        assert run_sweep(spec, tmp_path / "out", engine="processes", workers=2).complete
+    assert tree(tmp_path / "out") == small
+
+
+def test_a_sweep_is_resumed_with_other_sizes(spec, tmp_path, small, monkeypatch, task):
+    def stop(progress):
+        if progress.done > 100:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(work, "JOB_SECONDS", math.inf)
+    with pytest.raises(KeyboardInterrupt):
+        run_sweep(spec, tmp_path / "out", progress=stop)
+    task[0].clear()
+    monkeypatch.setattr(work, "JOB_SECONDS", 0.0)
+    assert run_sweep(spec, tmp_path / "out", resume=True).complete
+    assert {len(batch["x"]) for batch in task[0]} == {2}
+    assert tree(tmp_path / "out") == small
+
+
+@pytest.mark.usefixtures("large")
+def test_a_member_of_a_large_job_fails_alone(spec, tmp_path, task):
+    _, bad = task
+    bad |= {700, 701, 2498}
+    status = run_sweep(spec, tmp_path / "out")
+    assert [one.parameters["x"] for one in status.failures] == [700, 701, 2498]
+    assert status.done == status.chunks - 2
+    with open_sweep(tmp_path / "out") as dataset:
+        failed = np.isin(dataset.x, [*bad])
+        assert (dataset.status.values[0] == np.where(failed, 2, 1)).all()
+        assert (np.isnan(dataset.value.values[0]) == failed).all()
+    bad.clear()
+    assert run_sweep(spec, tmp_path / "out", resume=True).complete
+
+
+def test_a_job_leaves_room_in_memory(spec, monkeypatch):
+    monkeypatch.setattr(work, "JOB_SECONDS", math.inf)
+    monkeypatch.setattr(work, "free", lambda: 4000)
+    peaks = iter([0, 0, 5000, 5020])
+    monkeypatch.setattr(work, "_peak", lambda: next(peaks))
+    job = work.Job.of(spec, [spec.chunk(0)], 1, True)
+    # It grew by 20 bytes, and may grow by a quarter of those that are free.
+    assert [work.compute(job).room for _ in range(2)] == [1, 50]
