@@ -9,7 +9,7 @@ from ...drift import SeaDrift, simulate_drifters
 from ..canvas.marks import points
 from ..canvas.palette import Color
 from ..canvas.stream import send_changing
-from .map import DRIFTER, CurrentMap, shortened
+from .map import DRIFTER, CurrentMap, shortened, thinned
 
 
 _MAX_ARROWS = 700
@@ -72,7 +72,7 @@ their tracks of the last {clock.frame * _TRAIL} {clock.unit}s. Time 0 is
 def _log_arrows(map: CurrentMap, layers: int) -> None:
     """Log the current as arrows at some cells; with more `layers`, fewer times are shown."""
     water, flow, clock = map.water, map.flow, map.clock
-    cells = map.thinned(_MAX_ARROWS)
+    cells, _ = thinned(water.row, water.column, _MAX_ARROWS)
     since, count = np.asarray(flow.time) - np.asarray(flow.time)[0], len(flow.recorded)
     if flow.period is not None:
         again = np.arange(0.0, clock.last * clock.seconds, float(flow.period))
@@ -104,7 +104,7 @@ def _log_arrows(map: CurrentMap, layers: int) -> None:
 
 def _log_drifters(map: CurrentMap, seed: int) -> None:
     """Log drifters that are simulated in the current itself, without random disturbances."""
-    water, clock, stream = map.water, map.clock, map.stream
+    water, clock, stream, line = map.water, map.clock, map.stream, map.clock.timeline
     moved = simulate_drifters(
         jax.random.key(seed),
         water,
@@ -131,13 +131,8 @@ def _log_drifters(map: CurrentMap, seed: int) -> None:
         past = np.arange(time - _TRAIL, time + 1).clip(0)
         trails.append((xy[past] + turns[past] - turns[time])[:, present[time]].swapaxes(0, 1))
     strips, counts = np.concatenate(trails), present.sum(axis=1)
-    path, at = f"map/drifters_{map.number}", clock.frame * np.arange(len(xy))
-    dot = {"colors": DRIFTER, "radii": 0.55 * map.mark, "draw_order": 40}
-    line = {"colors": DRIFTER, "radii": points(0.8), "draw_order": 30}
-    for name, kind, style, columns in (
-        ("here", rr.Points2D, dot, {"positions": xy[present]}),
-        ("trail", rr.LineStrips2D, line, {"strips": strips}),
-    ):
-        send_changing(
-            stream, f"{path}/{name}", kind, at, counts, clock.timeline, style=style, **columns
-        )
+    path, at = f"map/drifters_{map.number}", (clock.frame * np.arange(len(xy)), counts, line)
+    style, place = {"colors": DRIFTER, "radii": 0.55 * map.mark, "draw_order": 40}, xy[present]
+    send_changing(stream, f"{path}/here", rr.Points2D, *at, style=style, positions=place)
+    style = {"colors": DRIFTER, "radii": points(0.8), "draw_order": 30}
+    send_changing(stream, f"{path}/trail", rr.LineStrips2D, *at, style=style, strips=strips)
