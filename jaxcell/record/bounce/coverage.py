@@ -93,23 +93,33 @@ def _log_shares(
 def _log_angle(map: CellMap, policy: CoveragePolicy, i: int) -> rrb.Container:
     """Log a tab with the persistent groups and the limiting distribution of bouncing angle `i`."""
     name, shown = f"angle_{i}", directions_shown(policy.cells)
-    groups = _group_classes(policy.groups[i].count)
+    groups, cells = policy.groups[i], policy.cells
+    classes = _group_classes(groups.count)
     order = np.argsort(-np.asarray(policy.limiting[i].weights), kind="stable")
     color = palette.ranked(np.argsort(order))
     group = policy.group[i]
     kind = np.where(group < 0, 1, 2 + color[group]).astype(np.uint8)
-    heat = policy.share[i] * policy.cells.size
+    heat = policy.share[i] * cells.size
     scale = heat_scale(float(heat.max()))
     pictures = [
-        map.by_direction(f"{name}/groups", groups, kind, shown),
+        map.by_direction(f"{name}/groups", classes, kind, shown),
         map.by_direction(f"{name}/limiting", scale.classes, heat_levels(scale, heat), shown),
     ]
     views = rrb.Vertical(
         map.view("Persistent groups, one direction", pictures[:1]),
         map.view("Time spent, one direction", pictures[1:]),
     )
-    title, legend = f"{policy.bounce_deg[i]:.6g}°", [*_legend(scale), *groups[1:]]
-    text = _angle_text(policy, i)
+    title, legend = f"{policy.bounce_deg[i]:.6g}°", [*_legend(scale), *classes[1:]]
+    which = "" if groups.count == 1 else "one of "
+    text = f"""# Bouncing by {title}, imprecisely
+
+Sooner or later the robot is in {which}{counted(groups.count, "*persistent group*")},
+{policy.persistent_cells[i]:,} of {cells.size:,} cells in all, and never leaves. Drag `direction` at
+the bottom to see all {cells.directions} directions.
+
+- **Persistent groups**: each has a colour, in the order of the probability to end in it.
+- **Time spent**: the limiting distribution, in multiples of an even share, 1/{cells.size:,}.
+"""
     return log_tab(map.stream, name, title, views, text, legend, shares=(3, 2), rows=(2, 3))
 
 
@@ -152,17 +162,3 @@ A robot runs straight. At a bump it turns by its bouncing angle, but not precise
 {numbers(policy)}
 
 {made_with(spec, cells)}"""
-
-
-def _angle_text(policy: CoveragePolicy, i: int) -> str:
-    groups, cells = policy.groups[i], policy.cells
-    which = "" if groups.count == 1 else "one of "
-    return f"""# Bouncing by {policy.bounce_deg[i]:.6g}°, imprecisely
-
-Sooner or later the robot is in {which}{counted(groups.count, "*persistent group*")},
-{policy.persistent_cells[i]:,} of {cells.size:,} cells in all, and never leaves. Drag `direction` at
-the bottom to see all {cells.directions} directions.
-
-- **Persistent groups**: each has a colour, in the order of the probability to end in it.
-- **Time spent**: the limiting distribution, in multiples of an even share, 1/{cells.size:,}.
-"""

@@ -32,7 +32,23 @@ def log_currents(maps: Sequence[CurrentMap], seed: int) -> rrb.Container:
         shown = [f"current_{map.number}", f"drifters_{map.number}/**", "key/**"]
         views.append(map.view(f"{map.title}: currents and drifters", shown))
     legend = [("the current", _ARROW), ("a drifter and its way", DRIFTER)]
-    return maps[0].tab("currents", "Currents", views, _text(maps[0]), legend)
+    drift, clock = maps[0].drift, maps[0].clock
+    notes = "\n".join(f"- {note}" for note in drift.notes)
+    text = f"""# The current
+
+Arrows show the records one after the other; faster water has longer arrows. Dots are drifters with
+their tracks of the last {clock.frame * _TRAIL} {clock.unit}s. Time 0 is
+{_moment(drift.currents.time.values[0])}.
+
+## The file
+
+{currents_of(drift)}
+
+- towards the East: {drift.east_from}
+- towards the North: {drift.north_from}
+{notes}
+"""
+    return maps[0].tab("currents", "Currents", views, text, legend)
 
 
 def currents_of(drift: SeaDrift) -> str:
@@ -48,25 +64,6 @@ def currents_of(drift: SeaDrift) -> str:
 
 def _moment(time: np.datetime64) -> str:
     return f"{np.datetime_as_string(time, unit='m').replace('T', ' ')} UTC"
-
-
-def _text(map: CurrentMap) -> str:
-    drift, clock = map.drift, map.clock
-    notes = "\n".join(f"- {note}" for note in drift.notes)
-    return f"""# The current
-
-Arrows show the records one after the other; faster water has longer arrows. Dots are drifters with
-their tracks of the last {clock.frame * _TRAIL} {clock.unit}s. Time 0 is
-{_moment(drift.currents.time.values[0])}.
-
-## The file
-
-{currents_of(drift)}
-
-- towards the East: {drift.east_from}
-- towards the North: {drift.north_from}
-{notes}
-"""
 
 
 def _log_arrows(map: CurrentMap, layers: int) -> None:

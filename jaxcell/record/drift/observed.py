@@ -31,7 +31,20 @@ class ObservedMap(SeaMap):
 def log_observed_drift(stream: rr.RecordingStream, found: ObservedDrift, spec: Spec) -> None:
     """Record observed drifters, and the groups of cells in which they end."""
     maps = log_maps(stream, found, ObservedMap)
-    tabs = [log_groups(maps, _text(found, spec)), _log_places(maps[0]), _log_errors(maps[0])]
+    text = f"""# Where observed drifters end up
+
+{GROUPS_SEEN}
+
+{described(found.layers, "cells", "persistent_groups", "single_domicile_cells")}
+
+## The map
+
+{found.drifters:,} drifters of `{found.source}` made {found.moves:,} moves of
+**{found.step / 86400:.3g} days** between {found.cells:,} cells of longitude and latitude. The
+shares of the moves from each cell are a *Markov chain*; what ended in no cell has left the map.
+
+{made_with(spec)}"""
+    tabs = [log_groups(maps, text), _log_places(maps[0]), _log_errors(maps[0])]
     tabs.append(_log_observations(maps[0]))
     if found.layers[0].transient_groups:
         tabs.insert(1, log_absorption(maps))
@@ -114,19 +127,3 @@ answers are not sure.
 """
     legend = [*scale.legend(), ("the track of a drifter", DRIFTER)]
     return map.tab("observations", "Observations", views, text, legend)
-
-
-def _text(found: ObservedDrift, spec: Spec) -> str:
-    return f"""# Where observed drifters end up
-
-{GROUPS_SEEN}
-
-{described(found.layers, "cells", "persistent_groups", "single_domicile_cells")}
-
-## The map
-
-{found.drifters:,} drifters of `{found.source}` made {found.moves:,} moves of
-**{found.step / 86400:.3g} days** between {found.cells:,} cells of longitude and latitude. The
-shares of the moves from each cell are a *Markov chain*; what ended in no cell has left the map.
-
-{made_with(spec)}"""
