@@ -42,7 +42,7 @@ def log_coverage(stream: rr.RecordingStream, policy: CoveragePolicy, spec: Spec)
         map.view(title, [map.picture(name, scale.classes, heat_levels(scale, heat))])
         for name, (title, heat) in zip(names, times.items(), strict=True)
     ]
-    views.append(_log_shares(stream, policy.bounce_deg, alpha))
+    views.append(_log_shares(stream, policy))
     maps = rrb.Grid(*views, grid_columns=math.ceil(len(views) / 2))
     text, legend = _text(policy, len(shown), spec), _legend(scale)
     tabs = [
@@ -73,20 +73,16 @@ def _legend(scale: Scale) -> list[tuple[str, Color]]:
     return scale.legend(1 + scale.bounds.size // 4)
 
 
-def _log_shares(
-    stream: rr.RecordingStream,
-    degrees: Float[np.ndarray, "angles"],
-    alpha: Float[np.ndarray, "angles"],
-) -> rrb.View:
-    """Log a bar for each bouncing angle; its height is `alpha`, the share of time at this angle."""
-    count, high = alpha.size, 100 * float(alpha.max())
+def _log_shares(stream: rr.RecordingStream, policy: CoveragePolicy) -> rrb.View:
+    """Log a bar for each bouncing angle; its height is the share of time at this angle."""
+    percent = 100 * np.asarray(policy.alpha)
+    count, high = percent.size, float(percent.max())
     every = -(-count // _MAX_ANGLE_LABELS)
-    named = {i + 0.5: f"{degrees[i]:.6g}" for i in range(0, count, every)}
+    named = {i + 0.5: f"{policy.bounce_deg[i]:.6g}" for i in range(0, count, every)}
     plot = Plot(stream, "alpha", float(count), high)
     plot.axes(named, ticks(high), "bouncing angle, degrees", "% of the time")
     # Each bar has a gap on both sides.
-    bars = np.kron(100 * alpha, [0, 1, 1, 1, 0])
-    plot.bars("share", bars, float(count), BELIEF)
+    plot.bars("share", np.kron(percent, [0, 1, 1, 1, 0]), float(count), BELIEF)
     return plot.view("Share of time by bouncing angle")
 
 

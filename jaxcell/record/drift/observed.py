@@ -44,27 +44,20 @@ def log_observed_drift(stream: rr.RecordingStream, found: ObservedDrift, spec: S
 shares of the moves from each cell are a *Markov chain*; what ended in no cell has left the map.
 
 {made_with(spec)}"""
-    tabs = [log_groups(maps, text), _log_places(maps[0]), _log_errors(maps[0])]
-    tabs.append(_log_observations(maps[0]))
+    map, about = maps[0], f"The second map shows where they are {found.when}."
+    kind = levels(_of_cells(map, found.distribution))
+    then = map.view(found.when.capitalize(), [map.picture("distribution", density().classes, kind)])
+    tabs = [log_groups(maps, text), log_distribution([map], [then], about)]
+    tabs += [_log_errors(map), _log_observations(map)]
     if found.layers[0].transient_groups:
         tabs.insert(1, log_absorption(maps))
     if found.nearly_closed_sets is not None and found.nearly_closed_sets.leakage.size:
         tabs.insert(1, log_closed_sets(maps, found.nearly_closed_sets))
-    clock = maps[0].clock
-    send_blueprint(stream, tabs, clock.unit, clock.speed)
+    send_blueprint(stream, tabs, map.clock.unit, map.clock.speed)
 
 
 def _of_cells(map: ObservedMap, values: Float[np.ndarray, "1 rows columns"]) -> np.ndarray:
     return values[0, map.water.row, map.water.column]
-
-
-def _log_places(map: ObservedMap) -> rrb.Container:
-    """Log the distribution of drifters after each step, and in the long run or at a chosen time."""
-    found = map.drift
-    kind = levels(_of_cells(map, found.distribution))
-    then = map.view(found.when.capitalize(), [map.picture("distribution", density().classes, kind)])
-    about = f"The second map shows where they are {found.when}."
-    return log_distribution([map], [then], about)
 
 
 def _log_errors(map: ObservedMap) -> rrb.Container:

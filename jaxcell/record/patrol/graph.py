@@ -46,7 +46,13 @@ def log_patrol_graph(stream: rr.RecordingStream, patrol: GraphPatrol, spec: Spec
     drawing = _Drawing(stream, patrol, xy)
     tabs = [_log_walk(drawing, spec), _log_waits(drawing), _log_next(drawing)]
     if patrol.hitting_time is not None and patrol.mean_time_to is not None:
-        tabs.append(_log_times(stream, patrol, patrol.hitting_time, patrol.mean_time_to))
+        times = patrol.hitting_time.copy()
+        np.fill_diagonal(times, np.nan)
+        matrix, rows = np.vstack([times, patrol.mean_time_to]), [*patrol.names, "mean"]
+        title, named = "Expected steps from a row to a column", (rows, patrol.names)
+        view, legend = log_matrix(stream, "times/matrix", title, matrix, *named, "steps")
+        shares = 3, 1
+        tabs.append(log_tab(stream, "times", "Hitting times", view, "", legend, shares=shares))
     if patrol.game is not None:
         tabs.append(log_game(stream, patrol.game))
     send_blueprint(stream, tabs, "step", 4.0)
@@ -234,22 +240,6 @@ def _log_next(drawing: _Drawing) -> rrb.Container:
     who = "a patroller" if patrol.walks_with_memory is None else "one without memory"
     view = drawing.view(f"Where {who} goes next", "next", "chances", "stay", "names")
     return log_tab(drawing.stream, "next", "Where to next", view, "", legend, shares=(3, 1))
-
-
-def _log_times(
-    stream: rr.RecordingStream,
-    patrol: GraphPatrol,
-    hitting: Float[np.ndarray, "vertices vertices"],
-    mean: Float[np.ndarray, "vertices"],
-) -> rrb.Container:
-    """Log the hitting times as a heat map, with their means in the last row."""
-    times = hitting.copy()
-    np.fill_diagonal(times, np.nan)
-    matrix = np.concatenate([times, mean[None]])
-    rows = [*patrol.names, "mean"]
-    title, columns = "Expected steps from a row to a column", patrol.names
-    view, legend = log_matrix(stream, "times/matrix", title, matrix, rows, columns, "steps")
-    return log_tab(stream, "times", "Hitting times", view, "", legend, shares=(3, 1))
 
 
 def _scale(most: float, unit: str) -> Scale:
