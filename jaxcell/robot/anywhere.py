@@ -155,22 +155,10 @@ class SetFollower:
         elif homing is not None:
             self.result = "arrived" if homing.arrived(self.state, 1)[0] else None
         else:
-            self._confirm(bool(is_localized(extent, self.settings.radius)[0]))
-
-    def _confirm(self, known: bool) -> None:
-        """Count the runs since the place was first known, and localize the robot after enough."""
-        self.agreed = count_agreed(self.agreed, known)
-        if known and self.agreed is not None and self.agreed >= self.settings.confirm:
-            self.result = "localized"
-
-    @property
-    def _advice(self) -> str:
-        if self.settings.filter.errors.displacement:
-            return ""
-        return (
-            ", which have no `displacement`: for a robot with a bumper make the task with "
-            "--errors displacement=0.06, or twice the way that it backs off"
-        )
+            known = bool(is_localized(extent, self.settings.radius)[0])
+            self.agreed = count_agreed(self.agreed, known)
+            if known and self.agreed is not None and self.agreed >= self.settings.confirm:
+                self.result = "localized"
 
     @property
     def known_extent(self) -> float | None:
@@ -234,20 +222,19 @@ class SetFollower:
         unknown = f"not known after {self.bumps} bumps: {where}"
         if self.agreed is not None:
             unknown = f"not confirmed by {self.settings.confirm} bumps: {known}"
-        reason = {
-            "localized": known,
-            "arrived": f"at the goal after {self.bumps} bumps, {where}",
-            "refuted": (
-                f"the first {self.bumps} runs are impossible from every place in the room: the map "
-                f"is wrong, or the errors of the robot are larger than their bounds{self._advice}"
-            ),
-            None: unknown,
-        }[self.result]
-        observations = "1" * self.bumps
+        refuted = (
+            f"the first {self.bumps} runs are impossible from every place in the room: the map is "
+            "wrong, or the errors of the robot are larger than their bounds"
+        )
+        if not self.settings.filter.errors.displacement:
+            refuted += (
+                ", which have no `displacement`: for a robot with a bumper make the task with "
+                "--errors displacement=0.06, or twice the way that it backs off"
+            )
+        arrived = f"at the goal after {self.bumps} bumps, {where}"
+        reasons = {"localized": known, "arrived": arrived, "refuted": refuted, None: unknown}
+        result, observations = self.result or "unfinished", "1" * self.bumps
+        extent = self.extent if math.isfinite(self.extent) else None
         return AnywhereOutcome(
-            self.result or "unfinished",
-            observations,
-            reason,
-            place=place,
-            extent=self.extent if math.isfinite(self.extent) else None,
+            result, observations, reasons[self.result], place=place, extent=extent
         )

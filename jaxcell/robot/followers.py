@@ -92,13 +92,8 @@ class Follower(abc.ABC):
     @property
     def localized(self) -> str:
         """A sentence that explains how the robot was localized."""
-        return f"localized to {self.places} after {self._known_after}"
-
-    @property
-    def _known_after(self) -> str:
-        """The number of observations that localized the robot and of those that confirmed it."""
         agreed = self.agreed or 0
-        known = f"{len(self.observations) - agreed} observations"
+        known = f"localized to {self.places} after {len(self.observations) - agreed} observations"
         return f"{known}, and {agreed} more agreed" if agreed else known
 
     @property

@@ -41,3 +41,16 @@ def count_agreed(agreed: int | None, known: bool) -> int | None:
 def observed(reason: str, observations: str) -> str:
     """Append the observations of the robot to the sentence `reason`."""
     return f"{reason}; the robot observed {observations}"
+
+
+def actions_outcome(observations: str, done: int, actions: int, problem: str = "") -> RunOutcome:
+    """Compute the outcome of a run that has done the first `done` of its `actions`.
+
+    `problem` is a sentence about the step that contradicted the next action, or empty.
+    """
+    if problem:
+        reason = observed(f"action {done} of {actions}: {problem}", observations)
+        return RunOutcome("refuted", observations, reason)
+    if done < actions:
+        return RunOutcome("unfinished", observations, f"{done} of {actions} actions are done")
+    return RunOutcome("arrived", observations, f"all {actions} actions are done")

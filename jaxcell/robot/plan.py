@@ -1,6 +1,6 @@
 from collections.abc import Sequence
 
-from .outcome import RunOutcome, observed
+from .outcome import RunOutcome, actions_outcome
 from .run_log import RunLog, finished
 from .walker import Walker
 
@@ -54,14 +54,8 @@ def plan_outcome(actions: Sequence[float | int], observations: str) -> RunOutcom
     """
     for index, (action, observation) in enumerate(zip(actions, observations, strict=False)):
         if (observation == "1") != (action != 0):
-            slip = (
-                "the robot bumped where the plan has free space"
-                if observation == "1"
-                else "the robot met no wall where the plan has one"
-            )
-            reason = observed(f"action {index} of {len(actions)}: {slip}", observations)
-            return RunOutcome("refuted", observations, reason)
-    if len(observations) < len(actions):
-        reason = f"{len(observations)} of {len(actions)} actions are done"
-        return RunOutcome("unfinished", observations, reason)
-    return RunOutcome("arrived", observations, f"all {len(actions)} actions are done")
+            problem = "the robot met no wall where the plan has one"
+            if observation == "1":
+                problem = "the robot bumped where the plan has free space"
+            return actions_outcome(observations, index, len(actions), problem)
+    return actions_outcome(observations, len(observations), len(actions))

@@ -125,23 +125,20 @@ def _localizing(
 ) -> str:
     choosing = isinstance(source, Policy)
     if machine is not None:
-        confirm = 0
-    if machine is not None:
-        text = _machine_header(source, machine)
+        confirm, text = 0, _machine_header(source, machine)
     elif isinstance(source, Policy):
         text = policy_to_c_header(source, name="filter")
     else:
         text = to_c_header(source)
     tables = table_bytes(text)
     states = len(source.uncertainty if machine is None else machine.transition)
-    kind = "policy" if choosing else "filter"
     angles = ", ".join(f"{math.degrees(bounce):g}" for bounce in task.bounces)
     _check_direction(task, direction)
     strides = None if direction is None else task.strides
     stride_bytes = 0 if strides is None else 8 * len(strides)
     _check_flash(tables, stride_bytes, flash, task.path, states)
     return _fill(
-        title=f"Localizes an iRobot Create 2 by its bumps: a {kind} of {states} states.",
+        title=f"Localizes an iRobot Create 2 by its bumps: a {task.kind} of {states} states.",
         source=[
             str(task.path),
             f"cells of {task.cell:g} m, {task.directions} directions, steps of {task.step:g} m, "

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from ..base.documents import Fields
-from .outcome import RunOutcome, observed
+from .outcome import RunOutcome, actions_outcome
 from .run_log import LoggedRun, RunLog, finished
 from .tasks.task import Task, common_fields, robot_fields, write_task
 from .walker import Walker
@@ -191,15 +191,7 @@ class Member:
 
     def outcome(self) -> RunOutcome:
         """Return the outcome of the run so far."""
-        count = len(self._actions)
-        if self._refuted:
-            reason = f"action {self.index} of {count}: {self._refuted}"
-            return RunOutcome("refuted", self.observations, observed(reason, self.observations))
-        if self.action is not None:
-            return RunOutcome(
-                "unfinished", self.observations, f"{self.index} of {count} actions are done"
-            )
-        return RunOutcome("arrived", self.observations, f"all {count} actions are done")
+        return actions_outcome(self.observations, self.index, len(self._actions), self._refuted)
 
 
 def run_member(

@@ -33,8 +33,9 @@ def log_anywhere(stream: rr.RecordingStream, result: Anywhere, spec: Spec) -> No
     """Record robots that start anywhere on a map. The map shows only the first robot."""
     map, last, legend = CellMap(stream, result.cells), result.bump.size, _LEGEND
     if isinstance(result, HomeFromAnywhere):
-        _log_goal(map, result)
-        last = int(min(result.bumps_until_home[0], last))
+        last, home = int(min(result.bumps_until_home[0], last)), result.homing
+        rim = shapely.Point(home.goal).buffer(home.radius, quad_segs=16).exterior
+        log_lines(stream, "map/goal", [shapely.get_coordinates(rim)], palette.GOAL, 3.0, 25.0)
         legend = (*_LEGEND, ("goal, and robots that are there", palette.GOAL))
     possible = [stretches(result, bump) for bump in range(1, last + 1)]
     _log_stretches(map, possible)
@@ -78,9 +79,8 @@ def _log_hulls(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> None
     # Before the first bump the robot may be anywhere.
     areas = [workspace.free_space, *(hull & workspace.free_space for hull in hulls)]
     shapely.prepare(areas)
-    pictures = np.stack(
-        [shapely.contains_xy(area, x + side / 2, y + side / 2) for area in areas]
-    ).astype(np.uint8)
+    inside = [shapely.contains_xy(area, x + side / 2, y + side / 2) for area in areas]
+    pictures = np.stack(inside).astype(np.uint8)
     onto = rr.Transform3D(translation=[left, bottom, 0], scale=[side, side, 1])
     map.stream.log(path, onto, static=True)
     classes = [palette.PictureClass("", palette.CLEAR), palette.PictureClass("hull", _HULL)]
@@ -103,20 +103,14 @@ def _log_robot(map: CellMap, result: Anywhere, last: int) -> None:
     send_changing(stream, "map/trail", line, times, None, _TIMELINE, style=style, strips=trail)
 
 
-def _log_goal(map: CellMap, result: HomeFromAnywhere) -> None:
-    turn, home = np.linspace(0, 2 * np.pi, 65), result.homing
-    rim = np.array(home.goal) + home.radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    log_lines(map.stream, "map/goal", [rim], palette.GOAL, 3.0, 25.0)
-
-
 def _log_curves(stream: rr.RecordingStream, result: Anywhere) -> list[rrb.View]:
-    extents = result.extent_of_nine_tenths, result.median_extent, result.extent[0]
-    colors = palette.TARGET, palette.PLAIN, palette.ROBOT
-    for name, values, color in zip(
-        ("nine_tenths", "median", "first"), extents, colors, strict=True
+    for name, values, color in (
+        ("nine_tenths", result.extent_of_nine_tenths, palette.TARGET),
+        ("median", result.median_extent, palette.PLAIN),
+        ("first", result.extent[0], palette.ROBOT),
     ):
-        path, style = f"extent/{name}", {"color": color, "shape": "Linear"}
-        log_curve(stream, path, values, _TIMELINE, result.bump, **style)
+        path, at = f"extent/{name}", result.bump
+        log_curve(stream, path, values, _TIMELINE, at, color=color, shape="Linear")
     until, title = result.bumps_until_localized, "Share of robots that are localized"
     if isinstance(result, HomeFromAnywhere):
         until, title = result.bumps_until_home, "Share of robots at the goal"

@@ -42,7 +42,7 @@ def log_coverage(stream: rr.RecordingStream, policy: CoveragePolicy, spec: Spec)
         map.view(title, [map.picture(name, scale.classes, heat_levels(scale, heat))])
         for name, (title, heat) in zip(names, times.items(), strict=True)
     ]
-    views.append(_log_shares(stream, policy.bounce_deg, alpha))
+    views.append(_log_shares(stream, policy))
     maps = rrb.Grid(*views, grid_columns=math.ceil(len(views) / 2))
     text, legend = _text(policy, len(shown), spec), _legend(scale)
     tabs = [
@@ -73,43 +73,49 @@ def _legend(scale: Scale) -> list[tuple[str, Color]]:
     return scale.legend(1 + scale.bounds.size // 4)
 
 
-def _log_shares(
-    stream: rr.RecordingStream,
-    degrees: Float[np.ndarray, "angles"],
-    alpha: Float[np.ndarray, "angles"],
-) -> rrb.View:
-    """Log a bar for each bouncing angle; its height is `alpha`, the share of time at this angle."""
-    count, high = alpha.size, 100 * float(alpha.max())
+def _log_shares(stream: rr.RecordingStream, policy: CoveragePolicy) -> rrb.View:
+    """Log a bar for each bouncing angle; its height is the share of time at this angle."""
+    percent = 100 * np.asarray(policy.alpha)
+    count, high = percent.size, float(percent.max())
     every = -(-count // _MAX_ANGLE_LABELS)
-    named = {i + 0.5: f"{degrees[i]:.6g}" for i in range(0, count, every)}
+    named = {i + 0.5: f"{policy.bounce_deg[i]:.6g}" for i in range(0, count, every)}
     plot = Plot(stream, "alpha", float(count), high)
     plot.axes(named, ticks(high), "bouncing angle, degrees", "% of the time")
     # Each bar has a gap on both sides.
-    bars = np.kron(100 * alpha, [0, 1, 1, 1, 0])
-    plot.bars("share", bars, float(count), BELIEF)
+    plot.bars("share", np.kron(percent, [0, 1, 1, 1, 0]), float(count), BELIEF)
     return plot.view("Share of time by bouncing angle")
 
 
 def _log_angle(map: CellMap, policy: CoveragePolicy, i: int) -> rrb.Container:
     """Log a tab with the persistent groups and the limiting distribution of bouncing angle `i`."""
     name, shown = f"angle_{i}", directions_shown(policy.cells)
-    groups = _group_classes(policy.groups[i].count)
+    groups, cells = policy.groups[i], policy.cells
+    classes = _group_classes(groups.count)
     order = np.argsort(-np.asarray(policy.limiting[i].weights), kind="stable")
     color = palette.ranked(np.argsort(order))
     group = policy.group[i]
     kind = np.where(group < 0, 1, 2 + color[group]).astype(np.uint8)
-    heat = policy.share[i] * policy.cells.size
+    heat = policy.share[i] * cells.size
     scale = heat_scale(float(heat.max()))
     pictures = [
-        map.by_direction(f"{name}/groups", groups, kind, shown),
+        map.by_direction(f"{name}/groups", classes, kind, shown),
         map.by_direction(f"{name}/limiting", scale.classes, heat_levels(scale, heat), shown),
     ]
     views = rrb.Vertical(
         map.view("Persistent groups, one direction", pictures[:1]),
         map.view("Time spent, one direction", pictures[1:]),
     )
-    title, legend = f"{policy.bounce_deg[i]:.6g}°", [*_legend(scale), *groups[1:]]
-    text = _angle_text(policy, i)
+    title, legend = f"{policy.bounce_deg[i]:.6g}°", [*_legend(scale), *classes[1:]]
+    which = "" if groups.count == 1 else "one of "
+    text = f"""# Bouncing by {title}, imprecisely
+
+Sooner or later the robot is in {which}{counted(groups.count, "*persistent group*")},
+{policy.persistent_cells[i]:,} of {cells.size:,} cells in all, and never leaves. Drag `direction` at
+the bottom to see all {cells.directions} directions.
+
+- **Persistent groups**: each has a colour, in the order of the probability to end in it.
+- **Time spent**: the limiting distribution, in multiples of an even share, 1/{cells.size:,}.
+"""
     return log_tab(map.stream, name, title, views, text, legend, shares=(3, 2), rows=(2, 3))
 
 
@@ -152,17 +158,3 @@ A robot runs straight. At a bump it turns by its bouncing angle, but not precise
 {numbers(policy)}
 
 {made_with(spec, cells)}"""
-
-
-def _angle_text(policy: CoveragePolicy, i: int) -> str:
-    groups, cells = policy.groups[i], policy.cells
-    which = "" if groups.count == 1 else "one of "
-    return f"""# Bouncing by {policy.bounce_deg[i]:.6g}°, imprecisely
-
-Sooner or later the robot is in {which}{counted(groups.count, "*persistent group*")},
-{policy.persistent_cells[i]:,} of {cells.size:,} cells in all, and never leaves. Drag `direction` at
-the bottom to see all {cells.directions} directions.
-
-- **Persistent groups**: each has a colour, in the order of the probability to end in it.
-- **Time spent**: the limiting distribution, in multiples of an even share, 1/{cells.size:,}.
-"""

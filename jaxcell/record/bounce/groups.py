@@ -2,7 +2,7 @@ import numpy as np
 import pandas as pd
 import rerun as rr
 import rerun.blueprint as rrb
-from jaxtyping import Int, UInt8
+from jaxtyping import UInt8
 
 from ...bounce import BounceGroups
 from ..canvas import palette
@@ -37,8 +37,7 @@ def log_group_tab(
     map: CellMap, groups: BounceGroups, angle: int, title: str, shown: Directions, spec: Spec
 ) -> rrb.Container:
     """Log a tab for a bouncing angle; `shown` gives the direction of its pictures at each time."""
-    stream, period = map.stream, groups.group_period[angle]
-    one = _OfAngle(groups.group[angle], groups.step[angle], period)
+    stream, one = map.stream, _OfAngle(groups, angle)
     name = f"bounce_{groups.bounce_deg[angle]:.6g}"
     views = []
     for about, kind, classes, cells in one.pictures():
@@ -66,27 +65,21 @@ class _OfAngle:
     of a group in its family determines its colour.
     """
 
-    def __init__(
-        self,
-        group: Int[np.ndarray, "directions positions"],
-        step: Int[np.ndarray, "directions positions"],
-        period: Int[np.ndarray, "groups"],
-    ) -> None:
-        self.group, self.step, self.period = group, step, period
-        self._basin = np.bincount(group.ravel())
+    def __init__(self, groups: BounceGroups, angle: int) -> None:
+        self.group, self.step = groups.group[angle], groups.step[angle]
+        self.period = groups.group_period[angle]
+        self._basin = np.bincount(self.group.ravel())
         # The lowest direction of the cells of each group identifies the family of the group.
         self._lowest = np.zeros(self._basin.size, np.int32)
-        for k, groups in reversed(list(enumerate(group))):
-            self._lowest[groups] = k
-        self._family = self._lowest[group[:, 0]]
+        for k in reversed(range(len(self.group))):
+            self._lowest[self.group[k]] = k
+        self._family = self._lowest[self.group[:, 0]]
         # The rank of each group in its family by its basin, 0 for the largest.
         sizes = pd.Series(-self._basin).groupby(self._lowest)
         self._rank = sizes.rank("first").to_numpy(np.int64) - 1
+        most, special = int(self.step.max()), {_ON_GROUP: palette.ON_GROUP}
         self._steps = Scale.counting(
-            1,
-            int(step.max()),
-            lambda count: f"{count} mapping{'s' * (count != '1')} to a group",
-            special={_ON_GROUP: palette.ON_GROUP},
+            1, most, lambda n: f"{n} mapping{'s' * (n != '1')} to a group", special=special
         )
 
     def pictures(self) -> list[tuple[str, str, list[PictureClass], UInt8[np.ndarray, "_ _"]]]:
@@ -124,8 +117,7 @@ class _OfAngle:
         shares = 100 * basin / basin.sum()
         named = zip(members.tolist(), shares.tolist(), palette.CATEGORIES.values(), strict=False)
         entries = [(self._named(group, share), color) for group, share, color in named]
-        more = members.size - len(entries)
-        if more:
+        if more := members.size - len(entries):
             about = f"{more} more, in pale colours: {shares[len(entries) :].sum():.3g} % of cells"
             if more == 1:
                 about = self._named(int(members[-1]), float(shares[-1]))

@@ -14,7 +14,7 @@ from ..canvas.map import CellMap, directions_shown
 from ..canvas.marks import log_arrows, log_dots, log_labels, points
 from ..canvas.page import log_legends, log_tab
 from ..canvas.palette import Color, PictureClass
-from ..canvas.prose import Spec, degrees, made_with, numbers, times
+from ..canvas.prose import Spec, counted, degrees, made_with, numbers, times
 from ..canvas.scale import Scale
 from ..canvas.stream import pace, send_blueprint
 from .run import log_turns
@@ -37,8 +37,14 @@ def log_navigation(stream: rr.RecordingStream, result: Plan | CostSummary, spec:
     _log_end(map, "goal", plan.goal, palette.GOAL)
     text = _text(plan, spec)
     if plan.found:
-        reaching = _log_reaching(map, plan, "reaching", _reaching_text(plan))
-        tabs = [_log_plan(map, plan, text), reaching]
+        reached = f"""# Cells that reach the goal
+
+From **{plan.cells_that_reach_the_goal:,} of {plan.cells.size:,} cells** the robot can reach the
+goal, {configuration(plan.cells, plan.goal)}, with its bouncing angles.
+
+{_REACHING}
+"""
+        tabs = [_log_plan(map, plan, text), _log_reaching(map, plan, "reaching", reached)]
         send_blueprint(stream, tabs, "step", pace(plan.actions.size))
     else:
         tab = _log_reaching(map, plan, "", text)
@@ -83,9 +89,8 @@ def _log_runs(
 ) -> list[tuple[str, Color]]:
     """Log an arrow per straight motion and a dot per bump; return the legend of the turns."""
     bump = np.flatnonzero(plan.actions != 0)
-    angle, number = np.unique(plan.turns, return_inverse=True)
-    color_of = [palette.angle_color(i) for i in range(angle.size)]
-    colors = [color_of[i] for i in number.tolist()]
+    angle, number, counts = np.unique(plan.turns, return_inverse=True, return_counts=True)
+    colors = [palette.angle_color(i) for i in number.tolist()]
 
     # Arrows end where the dot begins.
     dot = max(0.2 * map.cells.cell, 0.011 * map.extent)
@@ -102,10 +107,9 @@ def _log_runs(
     for i, position in enumerate((plan.visited[bump] % map.cells.positions).tolist()):
         again[i] = seen[position] = seen.get(position, -1) + 1
     log_dots(map.stream, "map/plan/bumps", positions[bump], dot * 0.7**again, colors, order=25.0)
-    counts = np.bincount(number, minlength=angle.size).tolist()
-    turns = zip(angle.tolist(), counts, color_of, strict=True)
+    turns = enumerate(zip(angle.tolist(), counts.tolist(), strict=True))
     return [
-        *((f"turn by {degrees(one)}: {times(count)}", color) for one, count, color in turns),
+        *((f"turn by {degrees(a)}: {times(n)}", palette.angle_color(i)) for i, (a, n) in turns),
         ("before the first bump", palette.TRAIL),
         ("the robot", palette.ROBOT),
         ("start", palette.START),
@@ -173,16 +177,6 @@ A robot runs straight. At a bump it turns by the bouncing angle of the plan (cou
 {made_with(spec, plan.cells)}"""
 
 
-def _reaching_text(plan: Plan) -> str:
-    return f"""# Cells that reach the goal
-
-From **{plan.cells_that_reach_the_goal:,} of {plan.cells.size:,} cells** the robot can reach the
-goal, {configuration(plan.cells, plan.goal)}, with its bouncing angles.
-
-{_REACHING}
-"""
-
-
 def _outcome(plan: Plan) -> str:
     if not plan.found:
         return "**There is no path** from the start to the goal with these angles."
@@ -198,9 +192,6 @@ def _action_string(plan: Plan) -> str:
     words = []
     for action, same in itertools.groupby(plan.actions.tolist()):
         count = len(list(same))
-        if action == 0:
-            words.append(f"{count} {'step' if count == 1 else 'steps'}")
-        else:
-            words += [degrees(action)] * count
+        words += [counted(count, "step")] if action == 0 else [degrees(action)] * count
     more = len(words) - _MAX_ACTIONS
     return ", ".join(words[:_MAX_ACTIONS]) + (f", and {more:,} more" if more > 0 else "")

@@ -34,11 +34,10 @@ def log_localization_policy(
 
 
 def _log_run(map: CellMap, localized: AdaptivelyLocalized, spec: Spec) -> rrb.Container:
-    stream, turns = map.stream, localized.turned_by[localized.turned_by >= 0]
+    stream, turned = map.stream, localized.turned_by >= 0
     left = log_localized(map, localized, "policy", ["turn"])
-    log_turns(
-        map, map.xy(localized.run.path), localized.turned_by >= 0, localized.bounces[turns].tolist()
-    )
+    angles = localized.bounces[localized.turned_by[turned]].tolist()
+    log_turns(map, map.xy(localized.run.path), turned, angles)
     tree = _tree(localized.policy, localized.run.states.tolist())
     drawing = _log_tree(stream, localized, tree)
     legend = [
@@ -117,9 +116,8 @@ def _name(localized: AdaptivelyLocalized, state: int) -> str:
 def _log_needed(map: CellMap, localized: AdaptivelyLocalized) -> rrb.Container:
     """Log a tab with the number of bumps until localization, for the worst and for each heading."""
     needed = localized.bumps_needed
-    scale = Scale.counting(
-        int(needed.min()), int(needed.max()), lambda count: f"{count} bump{'s' * (count != '1')}"
-    )
+    least, most = int(needed.min()), int(needed.max())
+    scale = Scale.counting(least, most, lambda count: f"{count} bump{'s' * (count != '1')}")
     worst = map.picture("bumps_worst", scale.classes, scale.levels(needed.max(axis=0)))
     shown = directions_shown(localized.cells, localized.run.path)
     one = map.by_direction("bumps_needed", scale.classes, scale.levels(needed), shown)
@@ -127,14 +125,9 @@ def _log_needed(map: CellMap, localized: AdaptivelyLocalized) -> rrb.Container:
         map.view("Bumps until it is localized, from the worst heading", [worst]),
         map.view("The same for one heading", [one]),
     )
-    text, legend = _needed_text(localized), scale.legend()
-    return log_tab(map.stream, "needed", "Bumps needed", views, text, legend, shares=(3, 2))
-
-
-def _needed_text(localized: AdaptivelyLocalized) -> str:
-    bumps, starts = np.unique(localized.bumps_needed, return_counts=True)
+    bumps, starts = np.unique(needed, return_counts=True)
     rows = list(zip(bumps.tolist(), (f"{n:,}" for n in starts.tolist()), strict=True))
-    return f"""# Bumps until the robot is localized
+    text = f"""# Bumps until the robot is localized
 
 Their number, from each cell.
 
@@ -143,6 +136,8 @@ Their number, from each cell.
 
 {table(("bumps", "cells"), rows)}
 """
+    legend = scale.legend()
+    return log_tab(map.stream, "needed", "Bumps needed", views, text, legend, shares=(3, 2))
 
 
 def _text(localized: AdaptivelyLocalized, drawn: int, spec: Spec) -> str:

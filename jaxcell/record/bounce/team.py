@@ -4,25 +4,16 @@ import rerun.blueprint as rrb
 from jaxtyping import Int
 
 from ...bounce import TeamTrajectory
+from ..canvas import palette
 from ..canvas.curves import curve
 from ..canvas.map import CellMap
 from ..canvas.page import log_tab
-from ..canvas.palette import (
-    CLEAR,
-    FREE,
-    ROBOTS,
-    Color,
-    PictureClass,
-    mix,
-    robot_color,
-    robots_by_color,
-    tint,
-)
+from ..canvas.palette import Color, PictureClass, robot_color, robots_by_color, tint
 from ..canvas.prose import Spec, counted, described, made_with, numbers
 from ..canvas.stream import send_blueprint
 
 
-_MARK: Color = (0, 0, 0)
+_MARK = palette.BLACK
 MAX_TIMES, MAX_PICTURES = 20_000, 500
 """Largest number of times at which robots are shown, and of pictures of visited positions."""
 
@@ -44,14 +35,13 @@ def log_team(stream: rr.RecordingStream, team: TeamTrajectory, spec: Spec) -> No
     shown += [f"{kind}_{robot}" for kind in ("trail", "robot") for robot in robots]
     seen = map.view("The robots, and the positions that they have visited", shown)
     views = rrb.Vertical(seen, _log_curves(stream, team, times), row_shares=[7, 3])
-    tab = log_tab(
-        stream, "", "Team", views, _text(team, stride, spec), _legend(team), shares=(3, 2)
-    )
+    text = _text(team, stride, spec)
+    tab = log_tab(stream, "", "Team", views, text, _legend(team), shares=(3, 2))
     send_blueprint(stream, [tab], "step", max(4.0, team.steps / 60))
 
 
 def _log_visited(map: CellMap, team: TeamTrajectory) -> str:
-    classes = [PictureClass("not visited", CLEAR)]
+    classes = [PictureClass("not visited", palette.CLEAR)]
     classes += [
         PictureClass(f"first visited by robot {alike} ({name})", tint(color, 0.55))
         for alike, name, color in robots_by_color(team.starts.size)
@@ -60,7 +50,7 @@ def _log_visited(map: CellMap, team: TeamTrajectory) -> str:
     shown = np.linspace(0, len(changes) - 1, min(len(changes), MAX_PICTURES)).round().astype(int)
     changes = changes[shown]
     seen = (team.first_visit >= 0) & (team.first_visit <= changes[:, None])
-    kind = np.where(seen, 1 + team.first_visitor % len(ROBOTS), 0)
+    kind = np.where(seen, 1 + team.first_visitor % len(palette.ROBOTS), 0)
     return map.picture("visited", classes, kind, "step", changes)
 
 
@@ -85,14 +75,14 @@ def _legend(team: TeamTrajectory) -> list[tuple[str, Color]]:
     return [
         *((f"robot {alike}", _darker(color)) for alike, _, color in colors),
         ("pale: first visited by the robot of that colour", tint(robot_color(0)[1], 0.55)),
-        ("not visited", FREE),
+        ("not visited", palette.FREE),
         ("collided in the step before (black frame)", _MARK),
     ]
 
 
 def _darker(color: Color) -> Color:
     """Return the colour of the arrow of a robot, darker than its visited squares."""
-    return mix(color, (0, 0, 0), 0.15)
+    return palette.mix(color, palette.BLACK, 0.15)
 
 
 def _text(team: TeamTrajectory, stride: int, spec: Spec) -> str:

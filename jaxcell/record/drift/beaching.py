@@ -20,25 +20,20 @@ def log_beaching(map: SeaMap, stranded: Stranded) -> rrb.Container:
     at = Scale.over(
         beached, "{} % of one cell".format, least=0.0, ground="land", special={_NO_BEACH: FREE}
     )
-    kind = at.levels(beached, {_NO_BEACH: np.isnan(beached)})
-    picture = map.picture("beached", at.classes, kind)
     of = Scale.over(chance, "{} % are ashore".format, least=0.0, ground="land")
     share = 100 * stranded.share_by_step
     hours = np.arange(share.size) * float(stranded.hours)
     plot = Plot(map.stream, "beaching/curve", float(hours[-1]), 1.05 * max(1.0, share.max()))
     plot.axes(ticks(plot.most_x), ticks(plot.most_y), "hours", "drifters on a beach, %")
     plot.line("share", hours, share, BELIEF, 2.5)
+    title = f"Ashore after {stranded.after_hours:.3g} h"
     views = [
-        map.view(f"Ashore after {stranded.after_hours:.3g} h", [picture]),
+        map.numbers("beached", title, at, beached, {_NO_BEACH: np.isnan(beached)}),
         map.numbers("strands", "From which cells drifters strand", of, chance),
         plot.view("How many are ashore"),
     ]
     legend = [*at.legend(), ("by where they were released", CLEAR), *of.legend()]
-    return map.tab("beaching", "Beaches", views, _text(stranded), legend)
-
-
-def _text(stranded: Stranded) -> str:
-    return f"""# Ashore
+    text = f"""# Ashore
 
 Drifters are released uniformly in all cells, strand at a coast, and may float again. After
 **{stranded.after_hours:.3g} hours** **{stranded.share:.1%}** are on a beach. The maps show the
@@ -47,3 +42,4 @@ drifters by the cell of release.
 
 {numbers(stranded)}
 """
+    return map.tab("beaching", "Beaches", views, text, legend)

@@ -23,34 +23,22 @@ def log_closed_sets(maps: Sequence[SeaMap], sets: ClosedSets) -> rrb.Container:
     ranks = sets.ranks
     for map, first, rank in zip(maps, firsts, ranks, strict=False):
         label = sets.labels[map.number]
-        classes = [PictureClass("land", CLEAR), _NONE]
+        classes, labels = [PictureClass("land", CLEAR), _NONE], []
         for number, place in enumerate(rank.tolist(), first):
-            leave = f"{sets.leakage[number]:.1%} leave in {in_time(sets.window_hours)}"
-            classes.append(PictureClass(f"set {place}: {leave}", home_color(place)))
+            name = f"set {place}: {sets.leakage[number]:.1%} leave"
+            within = f"{name} in {in_time(sets.window_hours)}"
+            classes.append(PictureClass(within, home_color(place)))
+            labels.append((name, *map.middle(label == number)))
         kind = np.where(label < 0, 1, label - first + 2)
         picture = map.picture(f"nearly_closed_{map.number}", classes, kind)
-        _log_numbers(map, sets, range(first, first + rank.size))
-        shown = [picture, f"nearly_closed_numbers_{map.number}", f"drifters_{map.number}/here"]
+        numbers = f"nearly_closed_numbers_{map.number}"
+        log_labels(map.stream, f"map/{numbers}", labels, [one.color for one in classes[2:]])
+        shown = [picture, numbers, f"drifters_{map.number}/here"]
         views.append(map.view(map.title, shown))
     most = max(int(rank.max(initial=-1)) + 1 for rank in ranks)
     legend = [*((f"set {rank}", home_color(rank)) for rank in range(min(most, len(HOMES)))), _NONE]
-    return maps[0].tab("nearly_closed", "Nearly closed sets", views, _text(sets), legend)
-
-
-def _log_numbers(map: SeaMap, sets: ClosedSets, numbers: range) -> None:
-    """Label each set with its rank and the share of its drifters that leave in the window."""
-    label = sets.labels[map.number]
-    labels = []
-    for number in numbers:
-        x, y = map.middle(label == number)
-        labels.append((f"set {sets.rank[number]}: {sets.leakage[number]:.1%} leave", x, y))
-    grounds = [home_color(int(sets.rank[number])) for number in numbers]
-    log_labels(map.stream, f"map/nearly_closed_numbers_{map.number}", labels, grounds)
-
-
-def _text(sets: ClosedSets) -> str:
     columns = "rank", "depth", "size", "leakage", "lon", "lat"
-    return f"""# Parts that drifters hardly leave
+    text = f"""# Parts that drifters hardly leave
 
 These parts are *nearly closed*: if drifters are released uniformly in a part, less than half of
 them are outside it after **{in_time(sets.window_hours)}**; the share is on the map. The parts come
@@ -58,3 +46,4 @@ from the leading eigenvectors of the Markov chain.
 
 {described(sets, *columns)}
 """
+    return maps[0].tab("nearly_closed", "Nearly closed sets", views, text, legend)

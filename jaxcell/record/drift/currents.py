@@ -9,7 +9,7 @@ from ...drift import SeaDrift, simulate_drifters
 from ..canvas.marks import points
 from ..canvas.palette import Color
 from ..canvas.stream import send_changing
-from .map import DRIFTER, CurrentMap, shortened
+from .map import DRIFTER, CurrentMap, shortened, thinned
 
 
 _MAX_ARROWS = 700
@@ -32,7 +32,23 @@ def log_currents(maps: Sequence[CurrentMap], seed: int) -> rrb.Container:
         shown = [f"current_{map.number}", f"drifters_{map.number}/**", "key/**"]
         views.append(map.view(f"{map.title}: currents and drifters", shown))
     legend = [("the current", _ARROW), ("a drifter and its way", DRIFTER)]
-    return maps[0].tab("currents", "Currents", views, _text(maps[0]), legend)
+    drift, clock = maps[0].drift, maps[0].clock
+    notes = "\n".join(f"- {note}" for note in drift.notes)
+    text = f"""# The current
+
+Arrows show the records one after the other; faster water has longer arrows. Dots are drifters with
+their tracks of the last {clock.frame * _TRAIL} {clock.unit}s. Time 0 is
+{_moment(drift.currents.time.values[0])}.
+
+## The file
+
+{currents_of(drift)}
+
+- towards the East: {drift.east_from}
+- towards the North: {drift.north_from}
+{notes}
+"""
+    return maps[0].tab("currents", "Currents", views, text, legend)
 
 
 def currents_of(drift: SeaDrift) -> str:
@@ -50,29 +66,10 @@ def _moment(time: np.datetime64) -> str:
     return f"{np.datetime_as_string(time, unit='m').replace('T', ' ')} UTC"
 
 
-def _text(map: CurrentMap) -> str:
-    drift, clock = map.drift, map.clock
-    notes = "\n".join(f"- {note}" for note in drift.notes)
-    return f"""# The current
-
-Arrows show the records one after the other; faster water has longer arrows. Dots are drifters with
-their tracks of the last {clock.frame * _TRAIL} {clock.unit}s. Time 0 is
-{_moment(drift.currents.time.values[0])}.
-
-## The file
-
-{currents_of(drift)}
-
-- towards the East: {drift.east_from}
-- towards the North: {drift.north_from}
-{notes}
-"""
-
-
 def _log_arrows(map: CurrentMap, layers: int) -> None:
     """Log the current as arrows at some cells; with more `layers`, fewer times are shown."""
     water, flow, clock = map.water, map.flow, map.clock
-    cells = map.thinned(_MAX_ARROWS)
+    cells, _ = thinned(water.row, water.column, _MAX_ARROWS)
     since, count = np.asarray(flow.time) - np.asarray(flow.time)[0], len(flow.recorded)
     if flow.period is not None:
         again = np.arange(0.0, clock.last * clock.seconds, float(flow.period))
@@ -104,7 +101,7 @@ def _log_arrows(map: CurrentMap, layers: int) -> None:
 
 def _log_drifters(map: CurrentMap, seed: int) -> None:
     """Log drifters that are simulated in the current itself, without random disturbances."""
-    water, clock, stream = map.water, map.clock, map.stream
+    water, clock, stream, line = map.water, map.clock, map.stream, map.clock.timeline
     moved = simulate_drifters(
         jax.random.key(seed),
         water,
@@ -131,13 +128,8 @@ def _log_drifters(map: CurrentMap, seed: int) -> None:
         past = np.arange(time - _TRAIL, time + 1).clip(0)
         trails.append((xy[past] + turns[past] - turns[time])[:, present[time]].swapaxes(0, 1))
     strips, counts = np.concatenate(trails), present.sum(axis=1)
-    path, at = f"map/drifters_{map.number}", clock.frame * np.arange(len(xy))
-    dot = {"colors": DRIFTER, "radii": 0.55 * map.mark, "draw_order": 40}
-    line = {"colors": DRIFTER, "radii": points(0.8), "draw_order": 30}
-    for name, kind, style, columns in (
-        ("here", rr.Points2D, dot, {"positions": xy[present]}),
-        ("trail", rr.LineStrips2D, line, {"strips": strips}),
-    ):
-        send_changing(
-            stream, f"{path}/{name}", kind, at, counts, clock.timeline, style=style, **columns
-        )
+    path, at = f"map/drifters_{map.number}", (clock.frame * np.arange(len(xy)), counts, line)
+    style, place = {"colors": DRIFTER, "radii": 0.55 * map.mark, "draw_order": 40}, xy[present]
+    send_changing(stream, f"{path}/here", rr.Points2D, *at, style=style, positions=place)
+    style = {"colors": DRIFTER, "radii": points(0.8), "draw_order": 30}
+    send_changing(stream, f"{path}/trail", rr.LineStrips2D, *at, style=style, strips=strips)

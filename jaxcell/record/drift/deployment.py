@@ -1,5 +1,6 @@
 import numpy as np
 import rerun.blueprint as rrb
+from jaxtyping import Int
 
 from ...drift import SeaDrift
 from ..canvas.marks import log_dots, log_lines
@@ -41,7 +42,7 @@ def log_deployment(map: CurrentMap) -> rrb.Container:
             ("seen from there", _SEEN),
         ]
     if drift.curve is not None:
-        views.append(_log_curve(map))
+        views.append(_log_curve(map, drift.curve.covered))
     return map.tab("deployment", "Deployment", views, _text(drift), legend)
 
 
@@ -63,15 +64,13 @@ def _log_views(map: CurrentMap) -> rrb.View:
     return map.view(title, [picture, "views/**"])
 
 
-def _log_curve(map: CurrentMap) -> rrb.View:
-    """Log the number of cells that drifters may visit as a function of the number of drifters."""
-    assert map.drift.curve is not None
-    share = 100 * map.drift.curve.covered / map.water.cells
-    number = np.arange(share.size + 1, dtype=float)
-    plot = Plot(map.stream, "deployment/curve", max(2.0, float(share.size)), 105.0)
+def _log_curve(map: CurrentMap, covered: Int[np.ndarray, "numbers"]) -> rrb.View:
+    """Log the share of the cells that 0, 1, ... drifters may visit; `covered` begins with one."""
+    share = 100 * np.append(0, covered) / map.water.cells
+    plot = Plot(map.stream, "deployment/curve", max(2.0, float(covered.size)), 105.0)
     whole = [tick for tick in ticks(plot.most_x) if tick == int(tick)]
     plot.axes(whole, [0, 25, 50, 75, 100], "drifters", "cells that they can ever reach, %")
-    plot.line("covered", number, np.concatenate([[0.0], share]), BELIEF, 2.5)
+    plot.line("covered", np.arange(share.size, dtype=float), share, BELIEF, 2.5)
     return plot.view("Coverage by the number of drifters")
 
 

@@ -4,10 +4,9 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from ...base.formatting import in_time
-from ...drift import SeaDrift
 from ..canvas.palette import FREE
 from ..canvas.prose import described
-from ..canvas.scale import Scale
+from ..canvas.scale import LEVELS, Scale
 from .map import CurrentMap
 
 
@@ -17,22 +16,15 @@ _UNKNOWN = "no drifter began there"
 def log_distances(maps: Sequence[CurrentMap]) -> rrb.Container:
     """Log a tab with the share of drifters from each cell that the chain puts in wrong areas."""
     drift = maps[0].drift
-    special = {_UNKNOWN: FREE}
-    values = np.zeros(1)
-    scale = Scale.over(values, "{} %".format, least=0.0, most=100.0, special=special, ground="land")
+    bounds = np.linspace(0, 100, LEVELS + 1)
+    scale = Scale(bounds, "{} %".format, {_UNKNOWN: FREE}, ground="land")
     views = []
     for map in maps:
         by_cell = drift.layers[map.number].by_cell
         assert by_cell is not None
         percent = 100 * by_cell[0]
-        kind = scale.levels(percent, {_UNKNOWN: np.isnan(percent)})
-        picture = map.picture(f"distance_{map.number}", scale.classes, kind)
-        views.append(map.view(f"{map.title}: after {in_time(drift.asked_hours)}", [picture]))
-    legend = scale.legend(shown=[])
-    return maps[0].tab("distance", "Distance", views, _text(drift), legend)
-
-
-def _text(drift: SeaDrift) -> str:
+        name, title = f"distance_{map.number}", f"{map.title}: after {in_time(drift.asked_hours)}"
+        views.append(map.numbers(name, title, scale, percent, {_UNKNOWN: np.isnan(percent)}))
     noise = float(np.nanmean(drift.distance_by_cell_noise))
     test = ""
     if drift.markov_test is not None:
@@ -41,7 +33,7 @@ def _text(drift: SeaDrift) -> str:
 
 {described(drift.markov_test, *columns)}
 """
-    return f"""# How sure the map is
+    text = f"""# How sure the map is
 
 Drifters in the current itself begin at many points of each cell. **The map**: the share of the
 drifters from each cell for which the map of cells predicts the wrong one of 36 parts of the sea,
@@ -51,3 +43,4 @@ after **{in_time(drift.asked_hours)}**. For an exact map it would be {noise:.0%}
 
 {test}
 """
+    return maps[0].tab("distance", "Distance", views, text, scale.legend(shown=[]))

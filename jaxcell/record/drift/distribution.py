@@ -7,7 +7,7 @@ import rerun.blueprint as rrb
 
 from ...mapping.sequence import as_sequence
 from ..canvas.palette import FREE
-from ..canvas.scale import Scale
+from ..canvas.scale import LEVELS, Scale
 from .map import SeaMap
 
 
@@ -30,28 +30,28 @@ def log_distribution(
     steps = int(clock.last * clock.seconds / drift.step)
     squares = maps[0].water.number.size * len(maps)
     every = max(1, -(-steps * squares // _MAX_SQUARES))
-    scale, views = density(), []
+    scale = density()
+    views: list[rrb.View] = []
     for map in maps:
         kept, times = _pushed(map, steps, every)
         picture = map.picture(f"distribution_{map.number}", scale.classes, kept, times=times)
         views.append(map.view(map.title, [picture]))
-    text, legend = _text(about), scale.legend()
-    return maps[0].tab("distribution", "Distribution", [*views, *more], text, legend)
+    text = f"""# Where drifters come to be
+
+Drifters are released uniformly in all cells and move by the map of cells, step by step: press play.
+The colours show the number of drifters in each cell, in multiples of the number at release.
+
+{about}
+"""
+    views += more
+    return maps[0].tab("distribution", "Distribution", views, text, scale.legend())
 
 
 @functools.cache
 def density() -> Scale:
     """Return the scale of the number of drifters in a cell, relative to the number at release."""
-    return Scale.over(
-        np.zeros(0),
-        "{} x".format,
-        least=_LEAST,
-        most=_MOST,
-        spaced=np.geomspace,
-        special={_HARDLY: FREE},
-        ground="land",
-        open=True,
-    )
+    bounds = np.geomspace(_LEAST, _MOST, LEVELS + 1)
+    return Scale(bounds, "{} x".format, {_HARDLY: FREE}, ground="land", open=True)
 
 
 def levels(share: np.ndarray) -> np.ndarray:
@@ -68,13 +68,3 @@ def _pushed(map: SeaMap, steps: int, every: int) -> tuple[np.ndarray, np.ndarray
     kept = np.stack([levels(share) for share in shares])
     seconds = np.arange(len(kept)) * every * map.drift.step
     return kept, np.rint(seconds / map.clock.seconds).astype(np.int64)
-
-
-def _text(about: str) -> str:
-    return f"""# Where drifters come to be
-
-Drifters are released uniformly in all cells and move by the map of cells, step by step: press play.
-The colours show the number of drifters in each cell, in multiples of the number at release.
-
-{about}
-"""

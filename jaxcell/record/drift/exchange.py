@@ -24,10 +24,8 @@ def log_exchange(map: SeaMap, exchange: Exchange) -> rrb.Container:
     # If regions overlap, the last one is shown.
     kind = (exchange.inside * (np.arange(len(names))[:, None] + 1)).max(axis=0) + 1
     picture = map.picture("regions", classes, kind)
-    labels = []
-    for name, here, hours in zip(names, exchange.inside, exchange.residence_hours, strict=True):
-        x, y = map.middle(here)
-        labels.append((f"{name}: {_hours(hours)}", x, y))
+    stays = zip(names, exchange.inside, exchange.residence_hours, strict=True)
+    labels = [(f"{name}: {_hours(time)}", *map.middle(here)) for name, here, time in stays]
     log_labels(map.stream, "map/region_names", labels, [FREE])
     longest = max(len(name) for name in names)
     elsewhere = exchange.after @ ~exchange.inside.any(axis=0)
@@ -38,15 +36,7 @@ def log_exchange(map: SeaMap, exchange: Exchange) -> rrb.Container:
     shares, legend = log_matrix(map.stream, *matrix, "%", margin)
     seen = "Regions, and how long drifters stay in them"
     views = [map.view(seen, [picture, "region_names"]), shares]
-    return map.tab("exchange", "Regions", views, _text(exchange), legend)
-
-
-def _hours(hours: float) -> str:
-    return in_time(hours) if np.isfinite(hours) else "forever"
-
-
-def _text(exchange: Exchange) -> str:
-    return f"""# From region to region
+    text = f"""# From region to region
 
 Drifters are released uniformly in each region of the surface. **Left**: the regions, with the mean
 time until a drifter first leaves its region. **Right**: the share of the drifters of each row that
@@ -54,3 +44,8 @@ are in each column after **{_hours(exchange.after_hours)}**, in percent.
 
 {described(exchange, "name", "cell_count", "residence_hours", "left")}
 """
+    return map.tab("exchange", "Regions", views, text, legend)
+
+
+def _hours(hours: float) -> str:
+    return in_time(hours) if np.isfinite(hours) else "forever"

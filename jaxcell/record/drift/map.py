@@ -6,7 +6,7 @@ cell is a pixel of a picture even if the grid is rotated; an arrow points north.
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, TypeVar
 
 import numpy as np
@@ -99,11 +99,9 @@ class SeaMap:
 
     def middle(self, cells: Bool[np.ndarray, "cells"]) -> tuple[float, float]:
         """Choose the position of the label of a set of cells, far from the edge of the set."""
-        row, column = self.water.row[cells], self.water.column[cells]
-        among = np.zeros(np.add(self.water.number.shape, 2), bool)
-        among[row + 1, column + 1] = True
-        depth = distance_transform_edt(among)[row + 1, column + 1]
-        deepest = self.xy(np.flatnonzero(cells)[depth == depth.max()])
+        among = np.pad((self.water.number >= 0) & cells[self.water.number], 1)
+        depth = distance_transform_edt(among)[1:-1, 1:-1][self.water.row, self.water.column]
+        deepest = self.xy(np.flatnonzero(cells & (depth == depth.max())))
         away = np.linalg.norm(deepest - np.median(deepest, axis=0), axis=1)
         x, y = deepest[away.argmin()].tolist()
         return x, y
@@ -114,16 +112,10 @@ class SeaMap:
         """Convert columns and rows of the grid to positions on the map, in kilometres."""
         return np.stack([column + 0.5, row + 0.5], axis=-1) * self.side
 
-    def xy(self, cells: Int[np.ndarray, "some"] | None = None) -> Float[np.ndarray, "some 2"]:
-        """Return the centres of cells, by default of all cells, in kilometres."""
-        chosen = np.arange(self.water.cells) if cells is None else cells
-        return self.on_grid(
-            self.water.column[chosen].astype(float), self.water.row[chosen].astype(float)
-        )
-
-    def thinned(self, most: int) -> Int[np.ndarray, "some"]:
-        """Select every n-th cell along rows and columns, so that about `most` cells remain."""
-        return thinned(self.water.row, self.water.column, most)[0]
+    def xy(self, cells: Int[np.ndarray, "some"]) -> Float[np.ndarray, "some 2"]:
+        """Return the centres of cells, in kilometres."""
+        column, row = self.water.column[cells], self.water.row[cells]
+        return self.on_grid(column.astype(float), row.astype(float))
 
     def picture(
         self,
@@ -147,10 +139,18 @@ class SeaMap:
         return f"grid/{name}"
 
     def numbers(
-        self, name: str, title: str, scale: Scale, values: Float[np.ndarray, "cells"]
+        self,
+        name: str,
+        title: str,
+        scale: Scale,
+        values: Float[np.ndarray, "cells"],
+        special: Mapping[str, Bool[np.ndarray, "cells"]] | None = None,
     ) -> rrb.Spatial2DView:
-        """Log a number per cell in the colours of a scale, and return a view of the picture."""
-        return self.view(title, [self.picture(name, scale.classes, scale.levels(values))])
+        """Log a number per cell in the colours of a scale, and return a view of the picture.
+
+        `special` is the argument of [`Scale.levels`][].
+        """
+        return self.view(title, [self.picture(name, scale.classes, scale.levels(values, special))])
 
     def view(self, title: str, contents: Sequence[str]) -> rrb.Spatial2DView:
         """Create a view of entities on the map, with the scale bar and the North arrow below it."""

@@ -31,27 +31,33 @@ class ObservedMap(SeaMap):
 def log_observed_drift(stream: rr.RecordingStream, found: ObservedDrift, spec: Spec) -> None:
     """Record observed drifters, and the groups of cells in which they end."""
     maps = log_maps(stream, found, ObservedMap)
-    tabs = [log_groups(maps, _text(found, spec)), _log_places(maps[0]), _log_errors(maps[0])]
-    tabs.append(_log_observations(maps[0]))
+    text = f"""# Where observed drifters end up
+
+{GROUPS_SEEN}
+
+{described(found.layers, "cells", "persistent_groups", "single_domicile_cells")}
+
+## The map
+
+{found.drifters:,} drifters of `{found.source}` made {found.moves:,} moves of
+**{found.step / 86400:.3g} days** between {found.cells:,} cells of longitude and latitude. The
+shares of the moves from each cell are a *Markov chain*; what ended in no cell has left the map.
+
+{made_with(spec)}"""
+    map, about = maps[0], f"The second map shows where they are {found.when}."
+    kind = levels(_of_cells(map, found.distribution))
+    then = map.view(found.when.capitalize(), [map.picture("distribution", density().classes, kind)])
+    tabs = [log_groups(maps, text), log_distribution([map], [then], about)]
+    tabs += [_log_errors(map), _log_observations(map)]
     if found.layers[0].transient_groups:
         tabs.insert(1, log_absorption(maps))
     if found.nearly_closed_sets is not None and found.nearly_closed_sets.leakage.size:
         tabs.insert(1, log_closed_sets(maps, found.nearly_closed_sets))
-    clock = maps[0].clock
-    send_blueprint(stream, tabs, clock.unit, clock.speed)
+    send_blueprint(stream, tabs, map.clock.unit, map.clock.speed)
 
 
 def _of_cells(map: ObservedMap, values: Float[np.ndarray, "1 rows columns"]) -> np.ndarray:
     return values[0, map.water.row, map.water.column]
-
-
-def _log_places(map: ObservedMap) -> rrb.Container:
-    """Log the distribution of drifters after each step, and in the long run or at a chosen time."""
-    found = map.drift
-    kind = levels(_of_cells(map, found.distribution))
-    then = map.view(found.when.capitalize(), [map.picture("distribution", density().classes, kind)])
-    about = f"The second map shows where they are {found.when}."
-    return log_distribution([map], [then], about)
 
 
 def _log_errors(map: ObservedMap) -> rrb.Container:
@@ -114,19 +120,3 @@ answers are not sure.
 """
     legend = [*scale.legend(), ("the track of a drifter", DRIFTER)]
     return map.tab("observations", "Observations", views, text, legend)
-
-
-def _text(found: ObservedDrift, spec: Spec) -> str:
-    return f"""# Where observed drifters end up
-
-{GROUPS_SEEN}
-
-{described(found.layers, "cells", "persistent_groups", "single_domicile_cells")}
-
-## The map
-
-{found.drifters:,} drifters of `{found.source}` made {found.moves:,} moves of
-**{found.step / 86400:.3g} days** between {found.cells:,} cells of longitude and latitude. The
-shares of the moves from each cell are a *Markov chain*; what ended in no cell has left the map.
-
-{made_with(spec)}"""

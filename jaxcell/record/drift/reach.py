@@ -3,7 +3,6 @@ from collections.abc import Sequence
 import numpy as np
 import rerun.blueprint as rrb
 
-from ...drift import SeaDrift
 from ..canvas.marks import log_dots
 from ..canvas.palette import BELIEF, CATEGORIES, CLEAR, FREE, START, PictureClass, tint
 from ..canvas.prose import described
@@ -33,20 +32,16 @@ def log_reach(maps: Sequence[CurrentMap]) -> rrb.Container:
         picture = map.picture(f"reach_{map.number}", _CLASSES, kind)
         title = f"{map.title}: {int(stays.sum()):,} of {stays.size:,} cells"
         views.append(map.view(title, [picture, "start"]))
-    text, legend = _text(drift, drift.start), [("the start", START), *_CLASSES[:0:-1]]
-    return first.tab("reach", "Reach", views, text, legend)
-
-
-def _text(drift: SeaDrift, start: int) -> str:
-    return f"""# What can ever be reached
+    text = f"""# What can ever be reached
 
 A cell is in reach if drifters from the start visit it with any positive probability, after any
 time.
 
-A drifter is dropped at **{place_name(*drift.place(start)[:2])}** (the dark blue dot).
+A drifter is dropped at **{place_name(*drift.place(drift.start)[:2])}** (the dark blue dot).
 
 - **Pale blue**: it dives to a depth at once, and stays there.
 - **Yellow**: it only gets there if it also goes up and down later.
 
 {described(drift, "depth", "reached_cells", "reached_cells_at_any_depth")}
 """
+    return first.tab("reach", "Reach", views, text, [("the start", START), *_CLASSES[:0:-1]])

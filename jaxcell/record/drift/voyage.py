@@ -102,8 +102,7 @@ def _log_land(space: _Space) -> None:
         if some.size:
             # Land is a little lower, so that it does not flicker through the water.
             z = -(layer + 0.01) * space.gap
-            color = np.tile(np.array(LAND[:3], np.uint8), (len(at), 1))
-            _log_squares(space, f"space/land/{layer}", at, z, stride, color)
+            _log_squares(space, f"space/land/{layer}", at, z, stride, np.array(LAND[:3], np.uint8))
     depths = space.surface.drift.depths
     places = [
         [-0.06 * space.surface.extent, space.surface.size[1] / 2, -layer * space.gap]
@@ -120,7 +119,7 @@ def _log_squares(
     at: Float[np.ndarray, "squares 2"],
     z: float,
     stride: int,
-    color: UInt8[np.ndarray, "squares 3"],
+    color: UInt8[np.ndarray, "*#squares 3"],
 ) -> None:
     """Log squares with centres `at` on the grid and sides of `stride` cells, at the height `z`."""
     corners = (at[:, None] + stride * _SIDE + 0.5) * space.surface.side
@@ -129,7 +128,7 @@ def _log_squares(
     mesh = rr.Mesh3D(
         vertex_positions=np.concatenate([corners, height], axis=2).reshape(-1, 3),
         triangle_indices=(first + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3),
-        vertex_colors=np.repeat(color, 4, axis=0),
+        vertex_colors=np.broadcast_to(color, (len(at), 3)).repeat(4, axis=0),
     )
     space.surface.stream.log(path, mesh, static=True)
 
@@ -147,7 +146,7 @@ def _log_value(space: _Space, policy: Voyage) -> Scale:
         water, z = map.water, -map.number * space.gap
         cells, stride = thinned(water.row, water.column, _MAX_SQUARES)
         at = np.stack([water.column[cells], water.row[cells]], axis=1).astype(float)
-        pale = np.tile(np.array(FREE[:3], np.uint8), (cells.size, 1))
+        pale = np.array(FREE[:3], np.uint8)
         _log_squares(space, f"space/water/{map.number}", at, z, stride, pale)
         shown = colors[drift.of_layer(level, map.number)[cells]]
         _log_squares(space, f"space/value/{map.number}", at, z, stride, shown)
@@ -161,7 +160,8 @@ def _log_policy(space: _Space, policy: Voyage) -> None:
     vectors: list[np.ndarray] = []
     colors: list[np.ndarray] = []
     for map in space.layers:
-        water, cells = map.water, map.thinned(_MAX_ARROWS)
+        water = map.water
+        cells, _ = thinned(water.row, water.column, _MAX_ARROWS)
         spacing = max(1.0, math.sqrt(water.cells / cells.size))
         action, goal, chance = (
             drift.of_layer(one, map.number)[cells]

@@ -75,20 +75,11 @@ def log_continuation(stream: rr.RecordingStream, branches: Continuation, spec: S
         curve = f"fractions/attractor_{number}"
         log_curve(stream, curve, share, line, times, color=category(number), shape="Linear")
     log_axes(stream, branches.members[0].box, branches.members[0].names, _PICTURES)
-    style = {**LABEL, "positions": [[SIDE / 2, -0.6]]}
-    send_changing(
-        stream,
-        "box/parameters",
-        rr.Points2D,
-        times,
-        None,
-        line,
-        style=style,
-        labels=branches.parameters,
-    )
-    table = described(
-        branches, "parameters", "count", "outside_share", first={"": range(times.size)}
-    )
+    style, labels = {**LABEL, "positions": [[SIDE / 2, -0.6]]}, branches.parameters
+    path, kind = "box/parameters", rr.Points2D
+    send_changing(stream, path, kind, times, None, line, style=style, labels=labels)
+    columns = "parameters", "count", "outside_share"
+    table = described(branches, *columns, first={"": range(times.size)})
     seen = f"{_SEEN}{_cut(branches.members[0])}\n\nA time of the slider `{line}` is {meaning}."
     text = "\n\n".join([_heading(branches, spec), seen, table, made_with(spec)])
     first, last = int(times.min()), int(times.max())
@@ -196,9 +187,8 @@ def _log_edges(stream: rr.RecordingStream, basins: Basins) -> None:
     moving = [edges.orbit[k] for k in np.flatnonzero(edges.period == 0)]
     if moving:
         orbit = np.concatenate(moving)
-        dots = rr.Points2D(
-            drawn(orbit[np.isfinite(orbit).all(axis=1)]), colors=OBSTACLE, radii=0.03
-        )
+        finite = orbit[np.isfinite(orbit).all(axis=1)]
+        dots = rr.Points2D(drawn(finite), colors=OBSTACLE, radii=0.03)
         stream.log("box/edges/orbits", dots, static=True)
     labels = [f"{one} | {other}" for one, other in zip(edges.first, edges.second, strict=True)]
     states = rr.Points2D(drawn(edges.point), colors=OBSTACLE, radii=0.1, labels=labels)

@@ -76,16 +76,14 @@ def _log_target(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
 def _log_seen(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
     """Log a picture at each step that shows which robots see each square."""
     shared = palette.robots_by_color(patrol.robots)
-    colors, classes = (
-        len(shared),
-        [palette.NOT_FREE, PictureClass("no robot sees it", palette.FREE)],
-    )
+    colors = len(shared)
+    classes = [palette.NOT_FREE, PictureClass("no robot sees it", palette.FREE)]
     classes += [
         PictureClass(f"robot {alike} ({name}) sees it", palette.tint(color, 0.6))
         for alike, name, color in shared
     ]
-    classes.append(PictureClass("several robots see it", _SEVERAL))
-    classes.append(PictureClass("the base station sees it", BASE_VIEW))
+    several = PictureClass("several robots see it", _SEVERAL)
+    classes += [several, PictureClass("the base station sees it", BASE_VIEW)]
     seen = patrol.visible[attacks.place]
     by = seen.sum(axis=1)
     kind = np.select([by == 1, by > 1], [2 + seen.argmax(axis=1) % colors, colors + 2], 1)

@@ -40,15 +40,8 @@ def log_vulnerability(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
     log_labels(map.stream, "map/worst_capture/label", [label], scale.colors[:1])
     view = map.view("Caught by these policies", [picture, "worst_capture/**", "base/station"])
     legend = scale.legend(shown=[name for name, where in special.items() if where.any()])
-    path, text = "vulnerability", _vulnerability_text(patrol)
-    return log_tab(
-        map.stream, path, "Vulnerability", view, text, legend, shares=(8, 3), rows=(5, 3)
-    )
-
-
-def _vulnerability_text(patrol: PatrolledMap) -> str:
     steps = int(patrol.attack.attack_time[0])
-    return f"""# How vulnerable each cell is
+    text = f"""# How vulnerable each cell is
 
 The colour of a cell is the exact probability that an adversary who attacks it for {steps:,} steps
 is caught by robots that {patrol.begun}. It knows the policies of the robots, but not their places:
@@ -56,31 +49,24 @@ it would attack the weakest cell. Robots that begin anywhere catch less at the f
 
 {described(patrol.captures, "attack_time", "weakest", "least", "mean", "least_at_first")}
 """
+    title, sizes = "Vulnerability", {"shares": (8, 3), "rows": (5, 3)}
+    return log_tab(map.stream, "vulnerability", title, view, text, legend, **sizes)
 
 
 def log_frontier(stream: rr.RecordingStream, frontier: Frontier) -> rrb.Container:
     """Log a tab that shows the trade-off between capture and unpredictability as a curve."""
     most = 1.1 * max(float(frontier.entropy.max()), 1e-3)
     plot = Plot(stream, "frontier/curve", most, 1.0)
-    plot.axes(
-        ticks(most),
-        ticks(1.0),
-        "entropy of a step, in nats (mean over robots)",
-        "least probability of capture",
-    )
+    about = "entropy of a step, in nats (mean over robots)", "least probability of capture"
+    plot.axes(ticks(most), ticks(1.0), *about)
     order = np.argsort(frontier.entropy)
     plot.line("frontier", frontier.entropy[order], frontier.least_capture[order], BELIEF, 3.0)
     floors = plot.at(frontier.entropy, frontier.least_capture)
     log_dots(stream, "frontier/curve/floors", floors, 1.2, KNOWN)
     views = plot.view("Capture against entropy")
     legend = [("a floor of randomness", KNOWN), ("the most that was found", BELIEF)]
-    text = _frontier_text(frontier)
-    return log_tab(stream, "frontier", "Frontier", views, text, legend, rows=(5, 4))
-
-
-def _frontier_text(frontier: Frontier) -> str:
     chance = {"chance, at least": [f"{floor:.0%}" for floor in frontier.floor]}
-    return f"""# Capture against entropy
+    text = f"""# Capture against entropy
 
 A patrol that captures most is nearly a tour, which an adversary can learn. Robots that choose a
 neighbour uniformly in a share of their steps are harder to predict, and capture less. Each row is a
@@ -88,3 +74,4 @@ local optimum.
 
 {described(frontier, "entropy", "least_capture", first=chance)}
 """
+    return log_tab(stream, "frontier", "Frontier", views, text, legend, rows=(5, 4))

@@ -26,16 +26,11 @@ def log_game(stream: rr.RecordingStream, game: StrategyGame) -> rrb.Container:
         views.append(view)
         # A row between the two colour bars keeps them separate.
         legend += [(title, CLEAR), *colors]
-    beside = rrb.Horizontal(*views)
-    return log_tab(stream, "game", "The game", beside, _text(game), legend, rows=(1, 1))
-
-
-def _text(game: StrategyGame) -> str:
     rows = [
         (game.strategy[i], f"{game.share[i]:.4f}", ", ".join(game.order[i][:_MAX_CLOSEST]))
         for i in np.argsort(-game.share, kind="stable").tolist()
     ]
-    return f"""# The game
+    text = f"""# The game
 
 The patroller draws one of {len(game.share)} strategies with the shares below, which the adversary
 knows; it attacks the vertex that pays it most. No other shares pay the patroller more.
@@ -46,3 +41,5 @@ A strategy catches at the `k`-th closest vertex with probability `1 / 2^(k-1)`.
 
 {table(("strategy", "share", "the closest vertices"), rows)}
 """
+    beside = rrb.Horizontal(*views)
+    return log_tab(stream, "game", "The game", beside, text, legend, rows=(1, 1))

@@ -8,26 +8,17 @@ import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Float, Int
 
+from ...base.quantities import Result
 from ...mapping import Chain
 from ...markov import sample_walks
 from ...patrol import GraphPatrol
 from ...patrol.team import long_run, steps_between_visits
+from ..canvas import palette
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.marks import LABEL, log_lines, log_shares, log_walker
 from ..canvas.matrix import log_matrix
 from ..canvas.page import log_tab
-from ..canvas.palette import (
-    BELIEF,
-    FREE,
-    PLAIN,
-    ROBOT,
-    Color,
-    Level,
-    ramp,
-    robot_color,
-    robots_by_color,
-    share_colors,
-)
+from ..canvas.palette import FREE, PLAIN, Color, ramp
 from ..canvas.plot import Plot, ticks
 from ..canvas.prose import Spec, counted, described, made_with, numbers
 from ..canvas.scale import Scale
@@ -55,7 +46,13 @@ def log_patrol_graph(stream: rr.RecordingStream, patrol: GraphPatrol, spec: Spec
     drawing = _Drawing(stream, patrol, xy)
     tabs = [_log_walk(drawing, spec), _log_waits(drawing), _log_next(drawing)]
     if patrol.hitting_time is not None and patrol.mean_time_to is not None:
-        tabs.append(_log_times(stream, patrol, patrol.hitting_time, patrol.mean_time_to))
+        times = patrol.hitting_time.copy()
+        np.fill_diagonal(times, np.nan)
+        matrix, rows = np.vstack([times, patrol.mean_time_to]), [*patrol.names, "mean"]
+        title, named = "Expected steps from a row to a column", (rows, patrol.names)
+        view, legend = log_matrix(stream, "times/matrix", title, matrix, *named, "steps")
+        shares = 3, 1
+        tabs.append(log_tab(stream, "times", "Hitting times", view, "", legend, shares=shares))
     if patrol.game is not None:
         tabs.append(log_game(stream, patrol.game))
     send_blueprint(stream, tabs, "step", 4.0)
@@ -84,9 +81,8 @@ class _Drawing:
         """Create a view of entities of the graph, with a margin around it."""
         margin = 0.06 * self.extent + 2 * self.mark
         (left, bottom), (right, top) = self.low - margin, self.high + margin
-        return plane(
-            "/", title, (left, -top, right, -bottom), [f"/graph/{one}" for one in contents]
-        )
+        box = left, -top, right, -bottom
+        return plane("/", title, box, [f"/graph/{one}" for one in contents])
 
     def labels(
         self, name: str, at: Float[np.ndarray, "labels 2"], labels: Sequence[str], shown: bool
@@ -98,9 +94,8 @@ class _Drawing:
 
     def discs(self, name: str, radii: Any, colors: Any, labels: Sequence[str]) -> None:
         """Log the vertices as discs, with labels that are visible on hovering."""
-        discs = rr.Points2D(
-            self.xy, colors=colors, radii=radii, labels=labels, show_labels=False, draw_order=20
-        )
+        style = {"colors": colors, "radii": radii, "show_labels": False, "draw_order": 20}
+        discs = rr.Points2D(self.xy, labels=labels, **style)
         self.stream.log(f"graph/{name}", discs, static=True)
 
 
@@ -115,7 +110,7 @@ def _log_walk(drawing: _Drawing, spec: Spec) -> rrb.Container:
     shares = [f"{100 * one:.3g} % of the time" for one in share.tolist()]
     drawing.discs("vertices", drawing.mark * np.maximum(size, 0.1), FREE, shares)
     for robot in range(robots):
-        path, color = f"graph/patrollers/{robot}", robot_color(robot)[1]
+        path, color = f"graph/patrollers/{robot}", palette.robot_color(robot)[1]
         place = drawing.xy[walks[:, robot]]
         # A light rim is needed because an edge may have the colour of the patroller.
         log_walker(stream, path, place, color, 0.9 * drawing.mark, width=2.0, rim=3.5)
@@ -123,9 +118,10 @@ def _log_walk(drawing: _Drawing, spec: Spec) -> rrb.Container:
     legend = _scale(most, "of the steps").legend()
     legend.append(("a vertex, larger with more time there", FREE))
     if robots == 1:
-        legend.append(("the patroller", ROBOT))
+        legend.append(("the patroller", palette.ROBOT))
     else:
-        legend += [(f"patroller {alike}", color) for alike, _, color in robots_by_color(robots)]
+        shared = palette.robots_by_color(robots)
+        legend += [(f"patroller {alike}", color) for alike, _, color in shared]
     views = rrb.Vertical(
         rrb.Horizontal(
             drawing.view("The walk", "shares", "vertices", "names", "patrollers/**"),
@@ -170,7 +166,7 @@ def _log_idle(drawing: _Drawing, walks: Int[np.ndarray, "times robots"]) -> str:
     style = {"positions": drawing.xy, "radii": drawing.mark, "draw_order": 20, "show_labels": False}
     colors = ramp(level)
     send_changing(stream, "graph/idle", rr.Points2D, times, counts, style=style, colors=colors)
-    log_curve(stream, "walk/longest", idle.max(axis=1), color=ROBOT)
+    log_curve(stream, "walk/longest", idle.max(axis=1), color=palette.ROBOT)
     return "walk/longest"
 
 
@@ -211,12 +207,12 @@ def _log_waits(drawing: _Drawing) -> rrb.Container:
         middles = {n - 0.5: str(n) for n in range(apart, charged.every + 1, apart)}
         plot = Plot(stream, "waits/charges", every, high)
         plot.axes(middles, ticks(high), "steps between charges", "share of them")
-        plot.bars("interval", charged.interval, every, BELIEF)
+        plot.bars("interval", charged.interval, every, palette.BELIEF)
         charts.append(plot.view("Steps between charges"))
     shades = _scale(most, units).legend()
     # Yellow stands for the shortest waiting times.
     turned = zip(shades, shades[::-1], strict=True)
-    legend: list[tuple[str, Color]] = [Level(one[0], other[1]) for one, other in turned]
+    legend: list[tuple[str, Color]] = [palette.Level(one[0], other[1]) for one, other in turned]
     legend += [] if finite.all() else [("never", PLAIN)]
     rows: list[Any] = [rrb.Horizontal(*views), *([rrb.Horizontal(*charts)] if charts else [])]
     return log_tab(stream, "waits", "Waiting", rrb.Vertical(*rows), "", legend, shares=(7, 2))
@@ -236,7 +232,7 @@ def _log_next(drawing: _Drawing) -> rrb.Container:
     along = (there - here) / np.linalg.norm(there - here, axis=1, keepdims=True).clip(1e-9)
     beside = halves.mean(axis=1) + drawing.mark * (along[:, ::-1] * [1, -1] + [0, 0.35])
     drawing.labels("chances", beside, labels, chance.size <= _MAX_CHANCES)
-    colors = share_colors(stay / most, FREE)
+    colors = palette.share_colors(stay / most, FREE)
     waits = [f"stays with probability {one:.3g}" for one in stay.tolist()]
     drawing.discs("stay", 0.6 * drawing.mark, colors, waits)
     legend = _scale(most, "chance to leave by it, or to wait").legend()
@@ -244,22 +240,6 @@ def _log_next(drawing: _Drawing) -> rrb.Container:
     who = "a patroller" if patrol.walks_with_memory is None else "one without memory"
     view = drawing.view(f"Where {who} goes next", "next", "chances", "stay", "names")
     return log_tab(drawing.stream, "next", "Where to next", view, "", legend, shares=(3, 1))
-
-
-def _log_times(
-    stream: rr.RecordingStream,
-    patrol: GraphPatrol,
-    hitting: Float[np.ndarray, "vertices vertices"],
-    mean: Float[np.ndarray, "vertices"],
-) -> rrb.Container:
-    """Log the hitting times as a heat map, with their means in the last row."""
-    times = hitting.copy()
-    np.fill_diagonal(times, np.nan)
-    matrix = np.concatenate([times, mean[None]])
-    rows = [*patrol.names, "mean"]
-    title, columns = "Expected steps from a row to a column", patrol.names
-    view, legend = log_matrix(stream, "times/matrix", title, matrix, rows, columns, "steps")
-    return log_tab(stream, "times", "Hitting times", view, "", legend, shares=(3, 1))
 
 
 def _scale(most: float, unit: str) -> Scale:
@@ -325,42 +305,39 @@ def _purpose(patrol: GraphPatrol, spec: Spec) -> str:
 
 def _more(patrol: GraphPatrol) -> str:
     """Compose the sections on options of the patrol, such as constraints, news and charging."""
-    columns: Sequence[str]
-    parts = []
-    if patrol.bounds is not None:
-        columns = "constraint", "least", "value", "most", "active", "saves"
-        parts.append(f"## Constraints\n\n{described(patrol.bounds, *columns)}")
-    if patrol.timed is not None:
-        parts.append(f"Edges take time:\n\n{numbers(patrol.timed)}")
-    if patrol.division is not None:
-        columns = "division", "mean_idleness", "worst_idleness", "least_capture"
-        parts.append(
-            f"Robots that share the graph, and that divide it:\n\n"
-            f"{described(patrol.division, *columns)}"
-        )
-    if patrol.round is not None:
-        tours = described(patrol.round, "stops", "robots", "steps", "seconds")
-        parts.append(
-            "With a shared clock, patrollers can follow closed tours at equal intervals:\n\n"
-            f"{numbers(patrol.round)}\n\n{tours}"
-        )
-    if patrol.news is not None:
-        ages = described(patrol.news, "mean_age", "late_age", first={"vertex": patrol.names})
-        parts.append(f"{numbers(patrol.news)}\n\n{ages}")
-    if patrol.charged is not None:
-        parts.append(f"Kept near enough to the charger:\n\n{numbers(patrol.charged)}")
-    walks = patrol.walks_with_memory
-    if walks is not None:
-        columns = "patrol", "least_capture", "any_time"
-        parts.append(
+    sections: list[tuple[str, Result | None, str]] = [
+        ("## Constraints", patrol.bounds, "constraint least value most active saves"),
+        ("Edges take time:", patrol.timed, ""),
+        (
+            "Robots that share the graph, and that divide it:",
+            patrol.division,
+            "division mean_idleness worst_idleness least_capture",
+        ),
+        (
+            "With a shared clock, patrollers can follow closed tours at equal intervals:",
+            patrol.round,
+            "stops robots steps seconds",
+        ),
+        ("", patrol.news, "mean_age late_age"),
+        ("Kept near enough to the charger:", patrol.charged, ""),
+        (
             "By number of states of memory, beside a tour and an upper bound. Other numbers are "
-            "those of the walk without memory:"
-            f"\n\n{numbers(walks)}\n\n{described(walks, *columns)}"
-        )
-    if patrol.idleness is not None:
-        columns = "patrol", "mean", "mean_error", "worst", "longest", "least_capture"
-        parts.append(
+            "those of the walk without memory:",
+            patrol.walks_with_memory,
+            "patrol least_capture any_time",
+        ),
+        (
             "By simulation, beside robots on a tour, those that go anywhere, and those that go "
-            f"where no robot was for longest:\n\n{described(patrol.idleness, *columns)}"
-        )
-    return "".join(f"\n{part}\n" for part in parts)
+            "where no robot was for longest:",
+            patrol.idleness,
+            "patrol mean mean_error worst longest least_capture",
+        ),
+    ]
+    text = ""
+    for intro, part, columns in sections:
+        if part is not None:
+            first = {"vertex": patrol.names} if part is patrol.news else None
+            table = described(part, *columns.split(), first=first) if columns else ""
+            paragraphs = filter(None, [intro, numbers(part), table])
+            text += "".join(f"\n{paragraph}\n" for paragraph in paragraphs)
+    return text

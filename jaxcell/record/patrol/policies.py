@@ -35,10 +35,8 @@ def log_covers(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
         timelines = (("cover", 1 + every), ("step", _STRIDE * every))
         for line, at in timelines:
             map.picture(name, _cover_classes(robot), kind, line, at)
-            path, counts = f"map/{name}/stops", 1 + every
-            send_changing(
-                map.stream, path, rr.Points2D, at, counts, line, style=style, positions=so_far
-            )
+            to, counts = (map.stream, f"map/{name}/stops", rr.Points2D), 1 + every
+            send_changing(*to, at, counts, line, style=style, positions=so_far)
         log_sight(map, patrol, f"map/{name}/outline", stops, color, *timelines)
         log_contacts(map, f"map/{name}/contact", [policy])
         title = f"Robot {robot}: {stops.size} cells"
@@ -47,7 +45,18 @@ def log_covers(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
     legend: list[tuple[str, Color]] = [*_cover_classes(0)[1 : 4 + (patrol.regions is not None)]]
     legend.append(("a cell of the cover, and all that is seen from the last", robot_color(0)[1]))
     legend += base_legend(patrol)
-    return log_tab(map.stream, "cover", "Cover", views, _cover_text(patrol), legend, rows=(5, 4))
+    how = "Robot 0 takes the cell from which most unseen cells are seen, robot 1 the second best."
+    if patrol.regions is not None:
+        how = "Each robot takes the cell from which most unseen cells of its region are seen."
+    text = f"""# Cells from which all cells are seen
+
+{how} Choose the slider `cover` at the bottom left to go through them.{only_some(patrol)}
+
+Within {patrol.reach:g} m, squares count as seen if {SEEN[patrol.sight]}.
+
+{robot_table(patrol, "cover_size", "uncovered")}
+"""
+    return log_tab(map.stream, "cover", "Cover", views, text, legend, rows=(5, 4))
 
 
 def _cover_classes(robot: int) -> list[PictureClass]:
@@ -59,23 +68,6 @@ def _cover_classes(robot: int) -> list[PictureClass]:
         PictureClass("seen first from the last cell", tint(color, 0.4)),
         PictureClass("not for this robot", tint(PLAIN, 0.5)),
     ]
-
-
-def _cover_text(patrol: PatrolledMap) -> str:
-    if patrol.regions is None:
-        how = (
-            "Robot 0 takes the cell from which most unseen cells are seen, robot 1 the second best."
-        )
-    else:
-        how = "Each robot takes the cell from which most unseen cells of its region are seen."
-    return f"""# Cells from which all cells are seen
-
-{how} Choose the slider `cover` at the bottom left to go through them.{only_some(patrol)}
-
-Within {patrol.reach:g} m, squares count as seen if {SEEN[patrol.sight]}.
-
-{robot_table(patrol, "cover_size", "uncovered")}
-"""
 
 
 def log_policies(map: CellMap, patrol: PatrolledMap) -> rrb.Container:

@@ -48,7 +48,9 @@ def log_regions(map: CellMap, patrol: PatrolledMap, regions: Regions) -> rrb.Con
     after, robots = patrol.reassignment, list(range(patrol.robots))
     maps = [("Regions", "regions", regions, robots, patrol.policies)]
     if after is not None:
-        title, owners = f"Without robot {_lost(patrol)}", after.robot.tolist()
+        owners = after.robot.tolist()
+        (lost,) = set(robots) - set(owners)
+        title = f"Without robot {lost}"
         maps.append((title, "regions_after", after.regions, owners, after.policies))
     # With more robots than colours, several robots share a colour.
     colors = palette.robots_by_color(patrol.robots)
@@ -67,17 +69,6 @@ def log_regions(map: CellMap, patrol: PatrolledMap, regions: Regions) -> rrb.Con
         picture = map.picture(name, classes, kind)
         log_contacts(map, f"map/{name}_contacts", policies)
         views.append(map.view(title, [picture, f"{name}_contacts", "base/station", "base/label"]))
-    text = _text(patrol, regions)
-    return log_tab(map.stream, "regions", "Base and regions", views, text, legend, rows=(5, 4))
-
-
-def _lost(patrol: PatrolledMap) -> int:
-    assert patrol.reassignment is not None
-    (lost,) = set(range(patrol.robots)) - set(patrol.reassignment.robot.tolist())
-    return lost
-
-
-def _text(patrol: PatrolledMap, regions: Regions) -> str:
     text = f"""# A base station, and regions around it
 
 Cells in view of the base station need no patrol, except those on the rim, where robots report. The
@@ -87,13 +78,12 @@ other cells are divided by the angle around the base.
 
 {robot_table(patrol, "cells_patrolled", "contact")}
 """
-    after = patrol.reassignment
-    if after is None:
-        return text
-    return f"""{text}
-## When robot {_lost(patrol)} is lost
+    if after is not None:
+        text += f"""
+## When robot {lost} is lost
 
 A working robot is silent for **{after.silence_limit:,}** steps with a probability of at most 1 %; a
 robot that is silent for longer counts as lost. The others divide the map as the second map shows,
 each keeping most of its cells.
 """
+    return log_tab(map.stream, "regions", "Base and regions", views, text, legend, rows=(5, 4))

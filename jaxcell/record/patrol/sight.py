@@ -52,10 +52,9 @@ def log_sight(
     style: dict[str, Any] = {"colors": color, "radii": points(2.0), "draw_order": 25}
     if not timelines:
         map.stream.log(path, rr.LineStrips2D(rings, **style), static=True)
+    to = map.stream, path, rr.LineStrips2D
     for line, times in timelines:
-        send_changing(
-            map.stream, path, rr.LineStrips2D, times, counts, line, style=style, strips=rings
-        )
+        send_changing(*to, times, counts, line, style=style, strips=rings)
 
 
 def place(patrol: PatrolledMap, cell: int) -> str:

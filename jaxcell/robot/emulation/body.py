@@ -132,7 +132,7 @@ class Body:
 
     def advance(self, left: float, right: float, seconds: float) -> None:
         # A new slip is drawn when the kind of the motion changes, but not when its speed changes.
-        stretch = _sign(left + right), _sign(right - left)
+        stretch = np.sign(left + right), np.sign(right - left)
         if stretch != self._stretch:
             distance, rotation = self._rng.normal(0.0, (self.noise.distance, self.noise.rotation))
             self._slip = float(distance), float(rotation)
@@ -214,7 +214,3 @@ def _enlarged(free: shapely.Geometry, give: float) -> shapely.Geometry:
     space = free.buffer(give, join_style="mitre")
     shapely.prepare(space)
     return space
-
-
-def _sign(number: float) -> int:
-    return (number > 0) - (number < 0)

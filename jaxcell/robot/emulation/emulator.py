@@ -100,12 +100,7 @@ class Emulator:
     "The bits of packet 14: 8 for the right wheel, 16 for the left wheel, 1 to 4 for the brushes."
 
     def __init__(
-        self,
-        body: Moving,
-        *,
-        line: Line | None = None,
-        charge: float = 2000.0,
-        seed: int = 0,
+        self, body: Moving, *, line: Line | None = None, charge: float = 2000.0, seed: int = 0
     ) -> None:
         """Connect a body to a serial line, by default without faults and in real time.
 
@@ -195,7 +190,9 @@ class Emulator:
                 # No tick is longer than a frame: if this machine is slow, so is the robot.
                 passed = min((clock - before) * self.line.speedup, STREAM_PERIOD)
                 before = clock
-                if self.line.speedup > 1 and not readable and self._unread():
+                fast = self.line.speedup > 1 and not readable
+                # The host still has bytes to read.
+                if fast and select.select([self._slave], [], [], 0)[0]:
                     time.sleep(1e-4)
                     continue
                 sent = self.exchange(passed, os.read(self._master, 4096) if readable else b"")
@@ -316,10 +313,6 @@ class Emulator:
             return data
         kept = self._rng.random(len(data)) >= self.line.dropped
         return bytes(np.frombuffer(data, np.uint8)[kept])
-
-    def _unread(self) -> bool:
-        """Check whether the host still has bytes to read."""
-        return bool(select.select([self._slave], [], [], 0)[0])
 
 
 def _limited(speed: int) -> int:

@@ -10,13 +10,7 @@ from ...automata.formats.storage import read_kind
 from ...base.documents import Fields, decode_json, read_text
 from ...base.results import check_result
 from ...space.cells import MAX_CELLS
-from ..followers import (
-    BeliefFollower,
-    FilterFollower,
-    Follower,
-    PolicyFollower,
-    Until,
-)
+from ..followers import BeliefFollower, FilterFollower, Follower, PolicyFollower, Until
 from ..team import MemberTask, read_member
 from .anywhere_task import AnywhereTask, read_anywhere
 from .patrol_task import PatrolTask, read_patrol
