@@ -79,8 +79,8 @@ def _groups(routes: Sequence[Route], target: int) -> list[tuple[float, Float[np.
     for group in groups:
         hyper = _common(group)
         period, arrive, leave = group[0][1].period * float(hyper), [], []
-        for ratio, route in group:
-            at, repeats = route.vertex == target, int(hyper / ratio)
+        for relative, route in group:
+            at, repeats = route.vertex == target, int(hyper / relative)
             begins = np.arange(repeats) * (period / repeats)
             arrive.append((begins[:, None] + route.arrive[at]).ravel())
             leave.append((begins[:, None] + route.leave[at]).ravel())

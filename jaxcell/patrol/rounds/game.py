@@ -107,11 +107,13 @@ class Game(Pictured):
 
     def __post_init__(self) -> None:
         check_count("robots", self.robots)
-        parts, _ = self.components
+        parts, part = self.components
         if self.robots < parts:
+            apart = self.names_of_targets[int(np.argmax(part != part[0]))]
             raise ValueError(
-                f"robots: expected at least {parts}, because the targets are in {parts} parts with "
-                f"no way there and back between them, got {self.robots}"
+                f"robots: expected at least {parts}, one for each connected part of the targets, "
+                f"got {self.robots}; no way leads from {self.names_of_targets[0]!r} to {apart!r} "
+                "and back"
             )
 
     @property

@@ -23,7 +23,7 @@ _SAME = 1e-9
 # Lengths of the parts of a tour that move to another tour.
 _MOVED = (1, 2, 3, 5, 8)
 
-_Order: TypeAlias = Int[np.ndarray, "stops"]
+_Order: TypeAlias = Int[np.ndarray, "_"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
