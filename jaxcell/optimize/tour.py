@@ -9,6 +9,8 @@ from .graph import Graph, GraphLike
 
 # Largest number of vertices for which the order is optimal.
 _EXACT = 12
+# Number of random changes of a tour times its number of stops, of which each costs a search.
+_CHANGES = 2000
 # Relative decrease of the length of an edge that is already part of the tour.
 _AGAIN = 1e-9
 
@@ -18,8 +20,8 @@ def shortest_tour(graph: GraphLike, through: Sequence[int]) -> Int[np.ndarray, "
 
     The order is optimal for up to 12 vertices (Held and Karp 1962). For more vertices, farthest
     insertion inserts each vertex where it lengthens the tour least, and then parts of the tour are
-    reversed while this shortens the tour; the result may be longer than the shortest tour. Among
-    equally short paths, paths along edges of the tour are preferred, so that the tour has few
+    reversed or moved while this shortens the tour; the result may be longer than the shortest tour.
+    Among equally short paths, paths along edges of the tour are preferred, so that the tour has few
     edges.
 
     **Arguments:** the graph, in which the length of a path is the sum of [`Graph.lengths`][]; and
@@ -51,7 +53,7 @@ def shortest_tour(graph: GraphLike, through: Sequence[int]) -> Int[np.ndarray, "
     far = stops[np.isinf(between[0])]
     if far.size:
         raise ValueError(f"vertex {far[0]} cannot be reached from vertex {stops[0]}")
-    order = _best_order(between) if stops.size <= _EXACT else _good_order(between)
+    order = best_order(between) if stops.size <= _EXACT else good_order(between)
     legs: list[list[int]] = []
     used = np.zeros(len(graph.edges), bool)
     for here, there in zip(stops[order], stops[np.roll(order, -1)], strict=True):
@@ -80,7 +82,7 @@ def _between(
     return np.isin(edges[:, 0] * graph.vertices + edges[:, 1], used)
 
 
-def _best_order(between: Float[np.ndarray, "stops stops"]) -> Int[np.ndarray, "stops"]:
+def best_order(between: Float[np.ndarray, "stops stops"]) -> Int[np.ndarray, "stops"]:
     """Find the order of the shortest tour with dynamic programming over sets of stops."""
     last = between.shape[0] - 1
     step = between[1:, 1:]
@@ -105,8 +107,11 @@ def _best_order(between: Float[np.ndarray, "stops stops"]) -> Int[np.ndarray, "s
     return np.array([0, *reversed(order)])
 
 
-def _good_order(between: Float[np.ndarray, "stops stops"]) -> Int[np.ndarray, "stops"]:
-    """Find an order by farthest insertion, then reverse parts of it while that makes it shorter."""
+def good_order(between: Float[np.ndarray, "stops stops"]) -> Int[np.ndarray, "stops"]:
+    """Order stops into a short closed tour; from `i` to `j` it is `between[i, j]`, one way.
+
+    Farthest insertion makes a tour, which [`improved_order`][] shortens, also after random changes.
+    """
     tour = [0]
     nearest = between[0].copy()
     while len(tour) < between.shape[0]:
@@ -117,19 +122,57 @@ def _good_order(between: Float[np.ndarray, "stops stops"]) -> Int[np.ndarray, "s
         tour.insert(int(np.argmin(longer)) + 1, stop)
         nearest = np.minimum(nearest, between[stop])
         nearest[tour] = -1
-    order = np.array(tour)
-    while True:
-        here, there = order, np.roll(order, -1)
-        now = between[here, there]
-        # Reversing the part between edges i and j joins both first ends, and both second ends.
-        saved = (
-            now[:, None]
-            + now[None, :]
-            - between[np.ix_(here, here)]
-            - between[np.ix_(there, there)]
-        )
-        i, j = np.unravel_index(np.argmax(np.triu(saved, 1)), saved.shape)
-        if saved[i, j] <= 1e-12 * now.sum() or i >= j:
-            start = int(np.flatnonzero(order == 0)[0])
-            return np.roll(order, -start)
-        order[i + 1 : j + 1] = order[i + 1 : j + 1][::-1].copy()
+    best = improved_order(np.array(tour), between)
+    random = np.random.default_rng(0)
+    for _ in range(_CHANGES // len(best) if len(best) > 7 else 0):
+        # Exchange two parts of the tour, which no single reversal or move does.
+        i, j, k = np.sort(random.choice(np.arange(1, len(best)), 3, replace=False)).tolist()
+        changed = np.concatenate([best[:i], best[j:k], best[i:j], best[k:]])
+        changed = improved_order(changed, between)
+        if tour_length(changed, between) < tour_length(best, between) * (1 - _AGAIN):
+            best = changed
+    return np.roll(best, -int(np.flatnonzero(best == 0)[0]))
+
+
+def tour_length(order: Int[np.ndarray, "stops"], between: Float[np.ndarray, "all all"]) -> float:
+    """Compute the length of the closed tour in an order."""
+    return float(between[order, np.roll(order, -1)].sum())
+
+
+def improved_order(
+    order: Int[np.ndarray, "stops"], between: Float[np.ndarray, "all all"]
+) -> Int[np.ndarray, "stops"]:
+    """Shorten a tour until no reversal of a part, and no move of up to 3 stops, shortens it."""
+    count = order.size
+    if count < 4:
+        return order
+    tolerance = 1e-12 * between[order, np.roll(order, -1)].sum()
+    since = 0
+    while since < count:
+        order, since = np.roll(order, -1), since + 1
+        here, there, before = order, np.roll(order, -1), order[-1]
+        forth, back = between[here, there], between[there, here]
+        # Reverse the stops from 0 to k, up to the last but one.
+        inside = np.append(0.0, np.cumsum(back[:-2] - forth[:-2]))
+        first, last = here[0], here[:-1]
+        longer = between[before, last] + between[first, there[:-1]] + inside
+        longer -= between[before, first] + forth[:-1]
+        k = int(longer.argmin())
+        if longer[k] < -tolerance:
+            order, since = np.append(order[k::-1], order[k + 1 :]), 0
+            continue
+        for part in range(1, min(4, count - 2)):
+            # Move the first stops between the stops k and k + 1, in their order or reversed.
+            end, after = here[part - 1], here[part:-1]
+            shorter = forth[part - 1] + forth[-1] - between[before, here[part]]
+            turned = back[: part - 1].sum() - forth[: part - 1].sum()
+            ahead = between[after, first] + between[end, there[part:-1]]
+            turning = between[after, end] + between[first, there[part:-1]] + turned
+            longer = np.minimum(ahead, turning) - forth[part:-1] - shorter
+            k = int(longer.argmin())
+            if longer[k] < -tolerance:
+                moved = order[:part] if ahead[k] <= turning[k] else order[:part][::-1]
+                k += part + 1
+                order, since = np.concatenate([order[part:k], moved, order[k:]]), 0
+                break
+    return order

@@ -12,6 +12,8 @@ The main names are in this package; the packages below contain all names, and de
     `toward` a vertex; walks that optimise a measure, such as `maximin_capture`; the
     `strategy_game` against an adversary; and `GraphPatrol`, the result for datasets and recordings.
 - `patrol.team`: parts of a graph, travel times, idleness, the age of news at a base, and charging.
+- `patrol.rounds`: robots that keep a shared clock: `best_rounds` in a `Game`, which may have
+    directed ways and few targets, their evaluation, bounds, and timetables.
 - `patrol.map`: robots with a limited view on the cells of a map. `cell_graph` joins the cells;
     `distributed_policies` and `capture_policies` compute walks; `capture_probabilities` computes
     the probability of capturing attacks; `vulnerability` also fits a law to simulated times.

@@ -3,6 +3,7 @@ from . import (
     law as law,
     map as map,
     perimeter as perimeter,
+    rounds as rounds,
     team as team,
     walks as walks,
 )

@@ -31,7 +31,8 @@ opens. The file has timelines such as `step` or `direction`, and a text that exp
 Recordings need Rerun, which the extra `view` installs.
 
 **Notebooks.** `show` shows the recording of a result in the viewer. `plot` draws one quantity of a
-result with matplotlib, which the extra `plot` installs.
+result with matplotlib, which the extra `plot` installs. `save_rounds` writes a picture of the
+rounds of guards.
 
 **Files** are written atomically: under a temporary name, and then renamed. The one exception is a
 `RobotRecording`, which grows while the robots drive. If the run is interrupted, the recording has

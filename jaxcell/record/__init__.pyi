@@ -3,6 +3,7 @@ from .data.dataset import dataset as dataset, save_dataset as save_dataset
 from .data.deployment_files import save_deployment as save_deployment
 from .data.summary import summary as summary
 from .figures.plot import plot as plot
+from .figures.rounds import save_rounds as save_rounds
 from .recordings import save_recording as save_recording, show as show
 from .robot.recording import RobotRecording as RobotRecording
 from .robot.track import RecordedRobot as RecordedRobot

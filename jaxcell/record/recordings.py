@@ -17,6 +17,7 @@ _FAMILIES = {
     "CostSummary": "bounce.navigation:log_navigation",
     "CoveragePolicy": "bounce.coverage:log_coverage",
     "GraphPatrol": "patrol.graph:log_patrol_graph",
+    "Guarded": "patrol.rounds:log_rounds",
     "Localized": "bounce.localization:log_localization",
     "MorseSets": "dynamics.morse:log_morse_sets",
     "ObservedDrift": "drift.observed:log_observed_drift",

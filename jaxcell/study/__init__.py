@@ -54,6 +54,7 @@ from .parameters import (
     parameters as parameters,
 )
 from .patrol.patrol_graph import PatrolGraph as PatrolGraph
+from .patrol.patrol_guard import PatrolEvaluate as PatrolEvaluate, PatrolGuard as PatrolGuard
 from .patrol.patrol_map import PatrolMap as PatrolMap
 from .study import Study as Study, silent as silent
 
@@ -71,7 +72,9 @@ STUDIES: tuple[type[Study], ...] = (
     Navigate,
     NavigateAnywhere,
     NavigateSlip,
+    PatrolEvaluate,
     PatrolGraph,
+    PatrolGuard,
     PatrolMap,
     Plans,
     Rooms,

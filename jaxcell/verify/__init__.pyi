@@ -10,6 +10,7 @@ from .localization import (
 )
 from .navigation import compare_plan as compare_plan
 from .patrolled_map import compare_patrolled_map as compare_patrolled_map
+from .rounds import compare_rounds as compare_rounds
 from .walk import (
     compare_commute as compare_commute,
     compare_game as compare_game,

@@ -1,8 +1,9 @@
 """Readers of graph files: node-link JSON, GraphML, GML, patrolling_sim graphs, and lists.
 
-Every vertex has a name, and either all vertices have a position or none has. Edges are undirected;
-each joins two different vertices, and no two edges are parallel. Either all edges have a `length`
-in metres, or all edges are straight. Other attributes in a file are ignored.
+Every vertex has a name, and either all vertices have a position or none has. Edges join two
+different vertices. For a `Graph` they are undirected, and no two edges are parallel; `load_ways`
+also reads directed edges, keeps the shortest of parallel edges, and leaves out loops. Either all
+edges have a `length` in metres, or all edges are straight. Other attributes in a file are ignored.
 
 Positions are in metres, or in degrees if they are named `lon` and `lat` (or `longitude` and
 `latitude`), or if the attribute `crs` of the graph is geographic, such as `EPSG:4326`. Degrees are
@@ -24,17 +25,19 @@ hall yard
 ```
 """
 
+import contextlib
 import functools
 import os
 import re
 import reprlib
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import ParseError
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from ...base.bundled import with_path
 from ...base.documents import (
@@ -63,7 +66,7 @@ _MAX_BYTES = 64 * 1024**2
 _SHORT = 0.1
 _DIRECTED = (
     "it is directed; expected an undirected graph, whose edges a patroller can walk both ways: "
-    "give each pair of neighbours once"
+    "give each pair of neighbours once; rounds on one-way edges are found by `jaxcell patrol guard`"
 )
 
 
@@ -73,6 +76,18 @@ class Vertex(NamedTuple):
     field: str
     name: object
     attributes: Mapping[str, Any]
+
+
+class Ways(NamedTuple):
+    """A directed graph: each way leads from the first of two vertices to the second."""
+
+    names: tuple[str, ...]
+    ends: Int[np.ndarray, "ways 2"]
+    lengths: Float[np.ndarray, "ways"] | None
+    "The length of each way, in metres, or `None` if edges have no lengths and no positions."
+    xy: Float[np.ndarray, "vertices 2"] | None
+    omitted: tuple[str, ...]
+    "Sentences about edges of the file that are left out."
 
 
 class Edge(NamedTuple):
@@ -105,39 +120,90 @@ def load_graph(path: str | os.PathLike[str] | Any) -> tuple[Graph, tuple[str, ..
         graph = path if isinstance(path, Graph) else Graph(path)
         return graph, tuple(map(str, range(graph.vertices) if path is graph else numbered(path)))
     path = Path(with_path(os.fspath(path)))
+    vertices, edges, directed = _parsed(path)
+    with about_file(path):
+        if directed:
+            raise ValueError(f"{directed}: {_DIRECTED}")
+        graph, names = checked_graph(vertices, edges)
+        if graph.ways is None and graph.xy is not None:
+            _check_metres(graph.xy, graph.lengths)
+    return graph, names
+
+
+def load_ways(path: str | os.PathLike[str] | Any) -> Ways:
+    """Read a graph file, or a graph of networkx, whose edges may be directed, parallel, or loops.
+
+    **Arguments:** the graph, or the file, as in [`load_graph`][]. An undirected edge becomes two
+    ways. Loops are left out, because a robot can always wait; of parallel edges, the shortest is
+    used.
+    **Returns:** `Ways`.
+
+    A street of 50 m one way and 80 m back:
+
+        >>> import networkx as nx
+        >>> from jaxcell import patrol
+        >>> streets = nx.DiGraph()
+        >>> streets.add_edge("gate", "yard", length=50.0)
+        >>> streets.add_edge("yard", "gate", length=80.0)
+        >>> ways = patrol.files.load_ways(streets)
+        >>> ways.names, ways.ends.tolist(), ways.lengths.tolist()
+        (('gate', 'yard'), [[0, 1], [1, 0]], [50.0, 80.0])
+    """
+    if isinstance(path, Graph):
+        both = np.concatenate([path.edges, path.edges[:, ::-1]])
+        measured = path.ways is not None or path.xy is not None
+        lengths = np.tile(path.lengths, 2) if measured else None
+        return Ways(tuple(map(str, range(path.vertices))), both, lengths, path.xy, ())
+    if hasattr(path, "is_multigraph"):
+        return _checked_ways(*_of_networkx(path))
+    path = Path(with_path(os.fspath(path)))
+    parts = _parsed(path)
+    with about_file(path):
+        return _checked_ways(*parts)
+
+
+@contextlib.contextmanager
+def about_file(path: Path) -> Iterator[None]:
+    """Put the name of a file before the message of a `ValueError`."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _parsed(path: Path) -> tuple[list[Vertex], list[Edge], str]:
+    """Parse a file. The text is the field that makes the graph directed, or empty."""
     check_file(path, "a graph")
     suffix = path.suffix.lower()
-    parsers: dict[str, Callable[[str], tuple[list[Vertex], list[Edge]]]] = {
+    parsers: dict[str, Callable[[str], tuple[list[Vertex], list[Edge], str]]] = {
         ".json": _parse_json,
         ".graph": _parse_simulator,
         **dict.fromkeys(LIST_SUFFIXES, _parse_list),
         **{name: functools.partial(_parse_networkx, name) for name in _NETWORKX},
     }
-    try:
+    with about_file(path):
         if suffix not in parsers:
             raise ValueError(f"unknown format {suffix!r}; expected {SUFFIXES}")
-        graph, names = checked_graph(*parsers[suffix](_text(path)))
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
-    if graph.ways is None and graph.xy is not None:
-        longest = graph.lengths.max()
-        # Layouts in a unit square have short edges, too.
-        degrees_alike = (np.abs(graph.xy) <= [180, 90]).all() and np.abs(graph.xy).max() > 1
-        if 0 < longest < _SHORT and degrees_alike:
-            raise ValueError(
-                f"{path}: x, y: expected metres, but the longest edge has {longest:.3g}; if x and "
-                "y are degrees, name them lon and lat, or set crs of the graph to EPSG:4326; "
-                "otherwise give the edges their lengths in metres"
-            )
-    return graph, names
+        return parsers[suffix](_text(path))
 
 
-def _parse_json(text: str) -> tuple[list[Vertex], list[Edge]]:
+def _check_metres(xy: Float[np.ndarray, "vertices 2"], lengths: Float[np.ndarray, "_"]) -> None:
+    """Raise if positions, which determine lengths, are more likely degrees than metres."""
+    longest = lengths.max()
+    # Layouts in a unit square have short edges, too.
+    degrees_alike = (np.abs(xy) <= [180, 90]).all() and np.abs(xy).max() > 1
+    if 0 < longest < _SHORT and degrees_alike:
+        raise ValueError(
+            f"x, y: expected metres, but the longest edge has {longest:.3g}; if x and "
+            "y are degrees, name them lon and lat, or set crs of the graph to EPSG:4326; "
+            "otherwise give the edges their lengths in metres"
+        )
+
+
+def _parse_json(text: str) -> tuple[list[Vertex], list[Edge], str]:
     document = decode_json(text, "a graph")
     if not isinstance(document, dict):
         raise ValueError(f"expected an object with nodes and edges, got {reprlib.repr(document)}")
-    if document.get("directed"):
-        raise ValueError(f"directed: {_DIRECTED}")
     # networkx until version 3.4, and D3, call the edges "links".
     key = "edges" if "edges" in document else "links"
     fields, about = Fields(document), document.get("graph")
@@ -151,10 +217,11 @@ def _parse_json(text: str) -> tuple[list[Vertex], list[Edge]]:
             Edge(f"{key}[{i}]", edge.needed("source"), edge.needed("target"), edge.get("length"))
             for i, edge in enumerate(fields.parts(key))
         ],
+        "directed" if document.get("directed") else "",
     )
 
 
-def _parse_networkx(suffix: str, text: str) -> tuple[list[Vertex], list[Edge]]:
+def _parse_networkx(suffix: str, text: str) -> tuple[list[Vertex], list[Edge], str]:
     import networkx as nx
 
     lines = text.splitlines()
@@ -174,21 +241,37 @@ def _parse_networkx(suffix: str, text: str) -> tuple[list[Vertex], list[Edge]]:
             }[suffix]()
     except (nx.NetworkXError, *_FAULTS) as error:
         raise ValueError(f"not {suffix} that networkx reads: {str(error)[:300]}") from None
-    if graph.is_directed():
-        raise ValueError(f"{'edgedefault' if suffix == '.graphml' else 'directed'}: {_DIRECTED}")
+    vertices, edges, directed = _of_networkx(graph)
+    return vertices, edges, "edgedefault" if directed and suffix == ".graphml" else directed
+
+
+def _of_networkx(graph: Any) -> tuple[list[Vertex], list[Edge], str]:
+    """Return the parts of a graph of networkx, whose numbers may be those of NumPy."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, list | tuple | np.ndarray):
+            return [plain(each) for each in value]
+        return value.item() if isinstance(value, np.generic) else value
+
+    crs = graph.graph.get("crs")
     return (
         [
-            Vertex(f"node {name!r}", name, positioned(members, graph.graph.get("crs")))
+            Vertex(
+                f"node {name!r}",
+                str(name),
+                positioned({key: plain(value) for key, value in members.items()}, crs),
+            )
             for name, members in graph.nodes(data=True)
         ],
         [
-            Edge(f"edge {tail!r} to {head!r}", tail, head, length)
+            Edge(f"edge {tail!r} to {head!r}", str(tail), str(head), plain(length))
             for tail, head, length in graph.edges(data="length")
         ],
+        "directed" if graph.is_directed() else "",
     )
 
 
-def _parse_simulator(text: str) -> tuple[list[Vertex], list[Edge]]:
+def _parse_simulator(text: str) -> tuple[list[Vertex], list[Edge], str]:
     """Parse a graph of patrolling_sim, the ROS simulator of patrols (Portugal and Rocha).
 
     The file begins with the number of vertices, the width and height of the picture, metres per
@@ -241,7 +324,7 @@ def _parse_simulator(text: str) -> tuple[list[Vertex], list[Edge]]:
                 )
     if at < len(words):
         raise ValueError(f"word {at + 1}: {words[at]!r} comes after the last of {total} vertices")
-    return vertices, edges
+    return vertices, edges, ""
 
 
 def has_weights(path: str | os.PathLike[str] | Any) -> bool:
@@ -262,7 +345,7 @@ def has_weights(path: str | os.PathLike[str] | Any) -> bool:
     )
 
 
-def _parse_list(text: str) -> tuple[list[Vertex], list[Edge]]:
+def _parse_list(text: str) -> tuple[list[Vertex], list[Edge], str]:
     vertices: list[Vertex] = []
     edges: list[Edge] = []
     for number, line in enumerate(text.splitlines(), 1):
@@ -280,11 +363,59 @@ def _parse_list(text: str) -> tuple[list[Vertex], list[Edge]]:
     if not vertices:
         ends = {name: edge.field for edge in edges for name in (edge.tail, edge.head)}
         vertices = [Vertex(field, name, {}) for name, field in ends.items()]
-    return vertices, edges
+    return vertices, edges, ""
 
 
 def checked_graph(vertices: list[Vertex], edges: list[Edge]) -> tuple[Graph, tuple[str, ...]]:
     """Check the vertices and edges of a file, and return the graph with the names of vertices."""
+    numbers, pairs, places, lengths = _checked_parts(vertices, edges)
+    before: dict[tuple[int, int], str] = {}
+    for field, *ends, _ in edges:
+        tail, head = sorted(numbers[str(name)] for name in ends)
+        joined = " and ".join(map(reprlib.repr, ends))
+        if tail == head:
+            raise ValueError(f"{field}: it is a loop, which joins {joined}; expected two vertices")
+        if (tail, head) in before:
+            first = before[tail, head]
+            raise ValueError(
+                f"{field}: it joins {joined}, as {first} does; expected no parallel edges"
+            )
+        before[tail, head] = field
+    return Graph(pairs, len(numbers), places, lengths), tuple(numbers)
+
+
+def _checked_ways(vertices: list[Vertex], edges: list[Edge], directed: str) -> Ways:
+    numbers, pairs, places, lengths = _checked_parts(vertices, edges)
+    if lengths is None and places is not None:
+        lengths = np.hypot(*(places[pairs[:, 0]] - places[pairs[:, 1]]).T)
+        _check_metres(places, lengths)
+    measured = lengths is not None
+    lengths = np.ones(len(pairs)) if lengths is None else lengths
+    if not directed:
+        pairs, lengths = np.concatenate([pairs, pairs[:, ::-1]]), np.tile(lengths, 2)
+    loop = pairs[:, 0] == pairs[:, 1]
+    order = np.flatnonzero(~loop)[np.argsort(lengths[~loop], kind="stable")]
+    _, first = np.unique(pairs[order] @ [len(numbers), 1], return_index=True)
+    kept, sides = np.sort(order[first]), 1 if directed else 2
+    omitted = []
+    if loops := int(loop.sum()) // sides:
+        omitted.append(f"{loops:,} loops are left out: a robot can wait at a vertex")
+    if parallel := (int((~loop).sum()) - kept.size) // sides:
+        omitted.append(f"{parallel:,} parallel edges are left out: the shortest of them is used")
+    return Ways(
+        tuple(numbers), pairs[kept], lengths[kept] if measured else None, places, tuple(omitted)
+    )
+
+
+def _checked_parts(
+    vertices: list[Vertex], edges: list[Edge]
+) -> tuple[
+    dict[str, int],
+    Int[np.ndarray, "edges 2"],
+    Float[np.ndarray, "vertices 2"] | None,
+    Float[np.ndarray, "edges"] | None,
+]:
+    """Return the number of each vertex by its name, the ends of edges, positions and lengths."""
     numbers: dict[str, int] = {}
     xy, geographic = [], []
     for field, name, attributes in vertices:
@@ -307,27 +438,16 @@ def checked_graph(vertices: list[Vertex], edges: list[Edge]) -> tuple[Graph, tup
         raise ValueError(f"expected at least 2 vertices, got {len(numbers)}")
     if not edges:
         raise ValueError("it has no edges")
-    before: dict[tuple[int, int], str] = {}
     for field, *ends, _ in edges:
         for name in ends:
             if str(name) not in numbers:
                 raise ValueError(f"{field}: there is no vertex {reprlib.repr(name)}")
-        tail, head = sorted(numbers[str(name)] for name in ends)
-        joined = " and ".join(map(reprlib.repr, ends))
-        if tail == head:
-            raise ValueError(f"{field}: it is a loop, which joins {joined}; expected two vertices")
-        if (tail, head) in before:
-            first = before[tail, head]
-            raise ValueError(
-                f"{field}: it joins {joined}, as {first} does; expected no parallel edges"
-            )
-        before[tail, head] = field
-    pairs = [[numbers[str(edge.tail)], numbers[str(edge.head)]] for edge in edges]
+    pairs = np.array([[numbers[str(edge.tail)], numbers[str(edge.head)]] for edge in edges])
     places, lengths = None if None in xy else np.array(xy, float), _lengths(edges)
     if places is not None and all(geographic):
-        lengths = great_circles(places, np.array(pairs)) if lengths is None else lengths
+        lengths = great_circles(places, pairs) if lengths is None else lengths
         places = in_metres(places)
-    return Graph(pairs, len(numbers), places, lengths), tuple(numbers)
+    return numbers, pairs, places, lengths
 
 
 def _lengths(edges: list[Edge]) -> np.ndarray | None:

@@ -1,22 +1,20 @@
 import dataclasses
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Annotated, Any, ClassVar, NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
-import scipy.sparse.csgraph
 from jaxtyping import Bool, Float, Int
 
 from ...base.quantities import Result, derived, quantity
-from ...optimize import Graph, GraphLike, greedy_cover, shortest_tour
+from ...optimize import GraphLike, greedy_cover, shortest_tour
 from ...optimize.validation import check_count, one_each
-from .division import divide_graph, part_of_graph
+from ..rounds.game import Game
+from ..rounds.search import best_rounds
 from .times import check_whole, names_of
 
 
 # Rounding error of a time, relative, by which an attack does not become longer.
 _ROUNDING = 1e-9
-# Largest number of divisions that are compared; their numbers of parts grow by a factor.
-_DIVISIONS = 12
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -94,10 +92,10 @@ def evenly_spaced_round(
 ) -> Round:
     """Follow short closed tours that pass all vertices with evenly spaced robots.
 
-    All robots of a connected graph follow one tour, or each tour is on a part of the graph, as
-    [`divide_graph`][] finds it, and has one or more robots. The round that captures most is
-    returned, without attacks the round with the shortest time between visits. Each connected
-    component of a graph has its own tours.
+    All robots of a connected graph follow one tour, or each tour is on a part of the graph, and has
+    one or more robots. The round that captures most is returned, without attacks the round with the
+    shortest time between visits, as far as [`best_rounds`][jaxcell.patrol.rounds.best_rounds] finds
+    it. Each connected component of a graph has its own tours.
 
     The robots have a shared clock: each robot is at the place of the next one a fixed time later.
     An attack begins as a robot leaves a vertex, or at any other time.
@@ -128,105 +126,36 @@ def evenly_spaced_round(
     """
     check_count("robots", robots)
     times = _times("travel_times", travel_times, len(graph.edges), "edge", unit)
-    attack = np.full(graph.vertices, np.inf)
+    # Without attacks, the longest time is shortest relative to any long time.
+    attack = np.full(graph.vertices, 2.0 * times.sum())
     if attack_time is not None:
         attack = _times("attack_time", attack_time, graph.vertices, "vertex", unit).astype(float)
-    weighted = Graph(graph.edges, graph.vertices, ways=times)
-    count, component = scipy.sparse.csgraph.connected_components(weighted.matrix(weighted.lengths))
-    if robots < count:
-        raise ValueError(
-            f"robots: expected at least {count}, one for each connected component of the graph, "
-            f"got {robots}"
-        )
-    components = [np.flatnonzero(component == part) for part in range(count)]
-    alone = [_Tour.of(weighted, inside, times.dtype) for inside in components]
-    best = [
-        max(
-            (_Team.of(tours, team) for tours in _tours(weighted, tour, team, times.dtype)),
-            key=lambda one: one.rank(attack),
-        )
-        for tour, team in zip(alone, _shared_out(alone, robots), strict=True)
-    ]
-    tours = [tour for team in best for tour in team.tours]
-    gaps = {vertex: each for team in best for vertex, each in team.gaps.items()}
-    called, most = names_of(graph.vertices, names), max(tour.stops.size for tour in tours)
-    stops = [[called[v] for v in tour.stops.tolist()] for tour in tours]
+    called = names_of(graph.vertices, names)
+    game = Game(
+        names=tuple(called),
+        ends=np.concatenate([graph.edges, graph.edges[:, ::-1]]),
+        times=np.tile(times, 2).astype(float),
+        targets=np.arange(graph.vertices),
+        attack=attack,
+        value=np.ones(graph.vertices),
+        robots=robots,
+        unit="steps" if unit is None else "s",
+    )
+    rounds = best_rounds(game)
+    walks = [game.walk(order) for order in rounds.orders]
+    most = max(walk.size for walk, _, _ in walks)
+    stops = [[called[v] for v in walk.tolist()] for walk, _, _ in walks]
     found = Round(
-        robots=np.array([robots for team in best for robots in team.robots]),
+        robots=np.array(rounds.robots),
         stops=np.array([each + [""] * (most - len(each)) for each in stops]),
-        duration=np.array([float(tour.duration) for tour in tours]),
-        longest=_longest(gaps.values()),
+        duration=np.array([duration for _, _, duration in walks]),
+        longest=float(rounds.evaluation.longest.max()),
         unit=unit,
     )
     if attack_time is None:
         return found
-    least, watched = _least([gaps[vertex] for vertex in range(graph.vertices)], attack, 0)
-    return dataclasses.replace(found, least_capture=least, watched_capture=watched)
-
-
-class _Tour(NamedTuple):
-    """A closed tour of some vertices: its stops, the times when it leaves them, its duration."""
-
-    stops: Int[np.ndarray, "stops"]
-    begins: Float[np.ndarray, "stops"] | Int[np.ndarray, "stops"]
-    duration: float | int
-
-    @classmethod
-    def of(cls, graph: Graph, inside: Int[np.ndarray, "part"], kind: Any) -> "_Tour":
-        """Find a short tour of the vertices `inside`; its times have the type `kind`."""
-        if inside.size == 1:
-            return cls(inside, np.zeros(1, kind), 0)
-        part = part_of_graph(graph, inside)
-        tour = shortest_tour(part, range(part.vertices))
-        lasts = part.matrix(part.lengths).toarray().astype(kind)[tour, np.roll(tour, -1)]
-        return cls(inside[tour], np.cumsum(lasts) - lasts, lasts.sum().item())
-
-
-class _Team(NamedTuple):
-    """Robots on tours of different vertices, and the times between visits to each vertex."""
-
-    tours: list[_Tour]
-    robots: list[int]
-    gaps: dict[int, Float[np.ndarray, "_"]]
-
-    @classmethod
-    def of(cls, tours: list[_Tour], robots: int) -> "_Team":
-        shared = _shared_out(tours, robots)
-        gaps = {
-            vertex: _gaps(tour.begins[tour.stops == vertex], tour.duration, count)
-            for tour, count in zip(tours, shared, strict=True)
-            for vertex in np.unique(tour.stops).tolist()
-        }
-        return cls(tours, shared, gaps)
-
-    def rank(self, attack: Float[np.ndarray, "vertices"]) -> tuple[float, float, float]:
-        """Compute what a better team has more of; the last number is a shorter time."""
-        least, watched = _least(list(self.gaps.values()), attack[list(self.gaps)], 0)
-        return watched, least, -_longest(self.gaps.values())
-
-
-def _tours(graph: Graph, whole: _Tour, robots: int, kind: Any) -> Iterator[list[_Tour]]:
-    """Yield the tour of a connected component, and those of divisions into up to `robots` parts."""
-    yield [whole]
-    inside = np.unique(whole.stops)
-    most = min(robots, inside.size // 2)
-    several = np.geomspace(2, max(2, most), _DIVISIONS).round().astype(int)
-    for parts in np.unique(several[several <= most]).tolist():
-        try:
-            region = divide_graph(part_of_graph(graph, inside), parts)
-        except ValueError:
-            # Some part of each division would be a single vertex.
-            continue
-        yield [_Tour.of(graph, inside[region == part], kind) for part in range(parts)]
-
-
-def _shared_out(tours: Sequence[_Tour], robots: int) -> list[int]:
-    """Return the number of robots on each tour that makes the longest interval shortest."""
-    shared = np.ones(len(tours), np.int64)
-    duration = np.array([tour.duration for tour in tours], float)
-    for _ in range(robots - len(tours)):
-        shared[np.argmax(duration / shared)] += 1
-    return shared.tolist()
+    exposed = float(rounds.evaluation.exposure.max())
+    return dataclasses.replace(found, least_capture=1 - exposed, watched_capture=float(not exposed))
 
 
 def round_on_map(

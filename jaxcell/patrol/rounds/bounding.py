@@ -1,0 +1,96 @@
+"""Upper bounds on what any patrol of some robots does, whatever its strategy."""
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.optimize
+import scipy.sparse.csgraph
+from jaxtyping import Float
+
+from .game import Game
+from .subsets import MOST_ROBOTS, MOST_SUBSETS, closed_tours, membership, of_several, open_walks
+
+
+# Relative increase of a way of length 0, which sparse matrices leave out.
+_LITTLE = 1e-12
+
+
+class Bound(NamedTuple):
+    """What no patrol of the robots of a game exceeds, against any adversary."""
+
+    between: float
+    "The longest time between visits to the target that is visited least is at least this long."
+    capture: float
+    """The least probability of capture over targets is at most this, if attacks begin at random
+    times; an adversary who sees more is captured at most as often. With values, 1 less the least
+    risk relative to the largest value."""
+    exact: bool
+    "`True` if all sets of targets were compared; otherwise the bounds are from spanning trees."
+
+
+def bound(game: Game) -> Bound:
+    """Bound the time between visits, and the capture, of all patrols of a game.
+
+    In any stretch of time as long as an attack, each robot visits the targets of a walk of this
+    length. For up to 14 targets and 4 robots, the sets of targets on such walks are computed, and
+    a linear program mixes them; otherwise the number of targets on walks is bounded by the shortest
+    edges of a spanning tree. One robot needs the shortest closed tour between visits to a target.
+
+    One robot on a cycle of four vertices, where attacks take 3 steps:
+
+        >>> from jaxcell import patrol
+        >>> cycle = patrol.Graph([(i, (i + 1) % 4) for i in range(4)])
+        >>> patrol.rounds.bound(patrol.rounds.Game.of(cycle, 3.0))
+        Bound(between=4.0, capture=1.0, exact=True)
+    """
+    few = game.targets.size <= MOST_SUBSETS and game.robots <= MOST_ROBOTS
+    return _by_subsets(game) if few else _by_trees(game)
+
+
+def _by_subsets(game: Game) -> Bound:
+    between, count = game.between, game.targets.size
+    free = open_walks(between, np.full(count, np.inf))
+    longest = float(of_several(free, game.robots)[-1])
+    if game.robots == 1:
+        longest = float(closed_tours(between)[-1])
+    timely = open_walks(between, game.attack)
+    possible = np.isfinite(of_several(np.where(np.isfinite(timely), 0.0, np.inf), game.robots))
+    inside = membership(count)
+    larger = np.array([possible[np.arange(1 << count) | 1 << target] for target in range(count)])
+    maximal = possible & ~(larger.T & ~inside).any(axis=1)
+    return Bound(longest, _mixed(inside[maximal], game.value / game.value.max()), True)
+
+
+def _mixed(
+    sets: Float[np.ndarray, "sets targets"] | object, value: Float[np.ndarray, "_"]
+) -> float:
+    """Mix sets of visited targets so that the largest risk is least; return 1 less the risk."""
+    visited = np.asarray(sets, float)
+    cost = np.append(np.zeros(len(visited)), 1.0)
+    # The value of each target times its probability of no visit is at most the risk.
+    rows = np.append(-visited.T * value[:, None], -np.ones((value.size, 1)), axis=1)
+    once = np.append(np.ones(len(visited)), 0.0)[None]
+    found = scipy.optimize.linprog(cost, rows, -value, once, [1.0], method="highs")
+    if not found.success:
+        raise RuntimeError(f"the bound: {found.message}")
+    return float(np.clip(1 - found.fun, 0.0, 1.0))
+
+
+def _by_trees(game: Game) -> Bound:
+    between = game.between
+    either = np.minimum(between, between.T)
+    finite = np.where(np.isfinite(either), np.maximum(either, _LITTLE), 0.0)
+    edges = np.sort(scipy.sparse.csgraph.minimum_spanning_tree(finite).data)
+    count, robots = game.targets.size, game.robots
+    # Walks of robots through all targets contain a forest, with a tree for each robot.
+    joined = np.append(0.0, np.cumsum(edges))
+    longest = (
+        float(joined[max(0, count - robots)]) / robots if edges.size >= count - robots else 0.0
+    )
+    within = robots * float(game.attack.max())
+    reached = robots + int(np.searchsorted(joined, within * (1 + 1e-9), side="right")) - 1
+    # The least risk if `reached` targets can be visited at a time, by the most valuable ones.
+    value = np.sort(game.value / game.value.max())[::-1]
+    missed = np.arange(1, count + 1) - reached
+    risk = float((missed / np.cumsum(1 / value)).max(initial=0.0))
+    return Bound(longest, min(1.0, 1 - max(0.0, risk)), False)

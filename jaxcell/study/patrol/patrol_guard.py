@@ -1,0 +1,126 @@
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias
+
+import tyro
+
+from ... import patrol, record, verify as verification
+from ...base.optional_modules import has_module
+from ...base.secondary import Secondary
+from ..parameters import AtLeastOne, Limit, Only
+from ..study import Say, Study, silent
+from .patrol_graph import GraphFile
+
+
+_Positive: TypeAlias = Annotated[float, Limit(gt=0)]
+_Hours: TypeAlias = Annotated[float, Limit(gt=0, le=1000)]
+
+
+class _Rounds(Study):
+    """Studies whose results are rounds of guards."""
+
+    def write(self, result: Any, out: Path) -> None:
+        rounds, game = patrol.rounds, result.game
+        rounds.save_game(game, out / "game.json")
+        rounds.save_routes(game, result.routes, out / "patrol.json")
+        hour = 3600.0 if game.unit == "s" else 60.0
+        night = getattr(self, "hours", 8.0) * hour
+        rounds.save_timetable(game, result.routes, out / "schedule.csv", night)
+        if has_module("matplotlib"):
+            record.save_rounds(result, out / "rounds.png")
+
+    def verify(self, result: Any) -> "Sequence[verification.Comparison]":
+        return verification.compare_rounds(result)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PatrolGuard(_Rounds):
+    """Guard targets by rounds with a shared clock, so that nobody escapes or as few as possible."""
+
+    name: ClassVar[str] = "guard"
+    command: ClassVar[str] = "patrol guard"
+    example: ClassVar[str] = "@eight --robots 2 --attack-time 6"
+    task: ClassVar[str] = "patrol_guard"
+
+    file: tyro.conf.Positional[Annotated[GraphFile, tyro.conf.arg(constructor=Path)]] = (
+        dataclasses.field(kw_only=False)
+    )
+    """Graph: a name such as @eight, or a file as for `jaxcell patrol graph`, also with directed and
+    parallel edges; or a game, .json, as `jaxcell patrol guard --out` writes it."""
+    robots: AtLeastOne | None = None
+    """Number of guards; by default 1, or that of the game."""
+    attack_time: _Positive | None = None
+    """Duration of an attack in seconds or, without --speed, in steps. A graph needs it."""
+    speed: _Positive | None = None
+    """Speed in metres per second, which determines the time along each edge from its length. By
+    default an edge takes one step."""
+    targets: tuple[str, ...] = ()
+    """Vertices that may be attacked; by default all."""
+    attack_times: Annotated[Path | None, Only(attack_time=False)] = None
+    """File with a line "vertex time" for each target, in place of --attack-time."""
+    values: Path | None = None
+    """File with a line "vertex value" for each target; by default all values are 1."""
+    adversary: Literal["blind", "watcher"] | None = None
+    """What an adversary knows: he comes at a random time (blind, the default), or sees the guards
+    and chooses the moment (watcher)."""
+    hours: _Hours = 8.0
+    """Hours in schedule.csv, which --out writes; of 60 steps each, without --speed."""
+
+    def run(self, say: Say = silent) -> "patrol.rounds.Guarded":
+        game = self.game()
+        say(f"seeking rounds through {game.targets.size:,} targets")
+        beside = Secondary()
+        found = patrol.rounds.best_rounds(game)
+        say("computing bounds")
+        bound = beside.compute("the bound", lambda: patrol.rounds.bound(game))
+        return patrol.rounds.Guarded.of(game, found.routes, bound=bound, left_out=beside.left_out)
+
+    def game(self) -> "patrol.rounds.Game":
+        """Build the game of the parameters, or read it."""
+        given = {"robots": self.robots, "adversary": self.adversary}
+        known: Any = {name: value for name, value in given.items() if value is not None}
+        if isinstance(self.file, Path) and patrol.rounds.is_game(self.file):
+            for name in ("attack_time", "speed", "targets", "attack_times", "values"):
+                if getattr(self, name):
+                    raise ValueError(f"{name}: {self.file} is a game, which has its own")
+            return dataclasses.replace(patrol.rounds.load_game(self.file), **known)
+        if self.attack_time is None and self.attack_times is None:
+            raise ValueError("expected one of `attack_time` or `attack_times`")
+        ways = patrol.files.load_ways(self.file)
+        names = self.targets or ways.names
+        attack: Any = self.attack_time
+        if self.attack_times is not None:
+            attack = patrol.files.load_values(self.attack_times, names)
+        value = 1.0 if self.values is None else patrol.files.load_values(self.values, names)
+        return patrol.rounds.Game.of(
+            ways, attack, targets=self.targets, value=value, speed=self.speed, **known
+        )
+
+    def headline(self, spec: dict[str, Any]) -> str:
+        return f"{spec['file']}: guards with a shared clock"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PatrolEvaluate(_Rounds):
+    """Evaluate the routes of guards in a game: times between visits, and attacks that succeed."""
+
+    name: ClassVar[str] = "evaluated"
+    command: ClassVar[str] = "patrol evaluate"
+    example: ClassVar[str] = "game.json patrol.json"
+    task: ClassVar[str] = "patrol_evaluate"
+
+    file: tyro.conf.Positional[Path] = dataclasses.field(kw_only=False)
+    """Game: a .json file with vertices, ways, targets, and the number of guards."""
+    strategy: tyro.conf.Positional[Path] = dataclasses.field(kw_only=False)
+    """Routes of the guards: a .json file with the visits of each and their times."""
+
+    def run(self, say: Say = silent) -> "patrol.rounds.Guarded":
+        game = patrol.rounds.load_game(self.file)
+        routes = patrol.rounds.load_routes(self.strategy, game)
+        beside = Secondary()
+        bound = beside.compute("the bound", lambda: patrol.rounds.bound(game))
+        return patrol.rounds.Guarded.of(game, routes, bound=bound, left_out=beside.left_out)
+
+    def headline(self, spec: dict[str, Any]) -> str:
+        return f"{spec['strategy']} in {spec['file']}"
