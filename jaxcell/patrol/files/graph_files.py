@@ -136,6 +136,8 @@ def _parse_json(text: str) -> tuple[list[Vertex], list[Edge]]:
     document = decode_json(text, "a graph")
     if not isinstance(document, dict):
         raise ValueError(f"expected an object with nodes and edges, got {reprlib.repr(document)}")
+    if document.get("format") == "jaxcell-map":
+        raise ValueError("it is a map, not a graph; study.PatrolMap takes it")
     if document.get("directed"):
         raise ValueError(f"directed: {_DIRECTED}")
     # networkx until version 3.4, and D3, call the edges "links".
