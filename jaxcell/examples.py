@@ -6,6 +6,7 @@
 """
 
 import atexit
+import functools
 import shutil
 import tempfile
 from pathlib import Path
@@ -17,10 +18,13 @@ from jaxtyping import Bool
 
 from . import automata, drift, dynamics, mapping, markov, optimize, space, sweep
 from .base.bundled import bundled
+from .base.shown import own_names
 
 
 if TYPE_CHECKING:
     from . import robot
+
+__dir__ = functools.partial(own_names, globals())
 
 
 def folder() -> Path:
@@ -150,8 +154,3 @@ def angles(chunk: int = 64) -> "sweep.Spec":
     path = folder() / "angles.toml"
     path.write_text("\n".join(lines))
     return sweep.Spec.load(path)
-
-
-def __dir__() -> list[str]:
-    own = {name: value for name, value in globals().items() if hasattr(value, "__module__")}
-    return [name for name, value in own.items() if value.__module__ == __name__]

@@ -12,7 +12,17 @@ import numpy as np
 import pytest
 from matplotlib import pyplot
 
-from jaxcell import bounce, examples, mapping, markov, optimize, space, study
+from jaxcell import (
+    bounce,
+    drift,
+    dynamics,
+    examples,
+    mapping,
+    markov,
+    optimize,
+    space,
+    study,
+)
 from jaxcell.base.shown import Pictured, Shown
 
 
@@ -127,3 +137,25 @@ def test_packages_list_only_what_they_define_or_export(package):
     own |= {node.target.id for node in nodes if isinstance(node, ast.AnnAssign)}
     listed = {name for name in dir(module) if not name.startswith("_")}
     assert listed == {name for name in own if not name.startswith("_")}
+
+
+@pytest.mark.parametrize("package", ["examples", "markov.dense", "space.estimates"])
+def test_modules_of_functions_list_only_these(package):
+    module = importlib.import_module(f"jaxcell.{package}")
+    nodes = ast.parse(Path(module.__file__).read_text()).body
+    own = {node.name for node in nodes if isinstance(node, ast.FunctionDef)}
+    assert set(dir(module)) == {name for name in own if not name.startswith("_")}
+
+
+def test_a_plan_names_its_ends_and_its_length():
+    plan = bounce.plan(examples.corridor(), [math.pi], 0, 4)
+    assert repr(plan).startswith("<Plan: 3 steps and 1 bumps, turns by 180°, lead from 0.5 m")
+    assert "(cell 0) to 1.5 m, 0.5 m, heading 180° (cell 4)" in repr(plan)
+
+
+def test_systems_and_flows_are_shown_with_types_of_arrays():
+    system = dynamics.System(math.sin, space.Box([0], [1], [9]), {"edge": 0.5}, about="A well.")
+    flow = drift.Flow(np.zeros((1, 2, 21, 29)), np.zeros(1))
+    assert "rate=float64[1, 2, 21, 29]" in repr(flow)
+    for shown in (system, flow):
+        assert "<table>" in shown._repr_html_()

@@ -89,7 +89,8 @@ def _check_of(annotation: Any) -> Callable[[str, Any], Any] | None:
     if set(kinds) == {str, os.PathLike[str]}:
         return _check_path
     if any(map(_is_array, kinds)) and all(_is_array(one) or one is type(None) for one in kinds):
-        return functools.partial(_check_array, _fallbacks(kinds))
+        masks = all(kind.__name__.startswith("Bool[") for kind in kinds)
+        return functools.partial(_check_array, _fallbacks(kinds), masks)
     # A number that may be traced has the type of an array without axes, too.
     plain = tuple(kind for kind in kinds if getattr(kind, "dim_str", None) != "")
     if set(plain) <= {int, float, type(None)} and plain != (type(None),):
@@ -145,13 +146,18 @@ def _fallbacks(kinds: tuple[Any, ...]) -> tuple[type, ...]:
     return (*(kind for kind in kinds if kind is type(None)), *((int, float) * any_shape))
 
 
-def _check_array(fallbacks: Any, name: str, value: Any) -> Any:
+def _check_array(fallbacks: Any, masks: bool, name: str, value: Any) -> Any:
     if hasattr(value, "shape") or isinstance(value, fallbacks):
         return value
-    array = np.asarray(value, None if isinstance(value, list | tuple | range) else object)
+    try:
+        array = np.asarray(value, None if isinstance(value, list | tuple | range) else object)
+    except ValueError:
+        raise ValueError(f"{name}: expected an array, got lists of different lengths") from None
     if array.dtype.kind not in "biufc":
         raise ValueError(f"{name}: expected an array of numbers, got {type(value).__name__}")
-    return array
+    if masks and not np.isin(array, (0, 1)).all():
+        raise ValueError(f"{name}: expected an array of True and False, got {array.dtype}")
+    return array.astype(bool) if masks else array
 
 
 def _check_number(kinds: Any, may_trace: bool, name: str, value: Any) -> Any:

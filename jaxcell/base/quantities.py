@@ -29,14 +29,20 @@ import enum
 import functools
 import textwrap
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias, TypeVar, overload
 
 from .formatting import format_value
 from .quantity import PADDING as PADDING, Kind as Kind, Quantity as Quantity, quantity as quantity
 from .shown import Pictured
 
 
+if TYPE_CHECKING:
+    import numpy as np
+
+
 Value = TypeVar("Value")
+_Whole: TypeAlias = Literal["cell", "count", "index", "position"]
+_InArrays: TypeAlias = _Whole | Literal["distribution", "flag", "residual", "share", "time"]
 # Number of numbers in the text of a result, and the width of its last line.
 _NUMBERS, _WIDTH = 3, 96
 
@@ -55,10 +61,21 @@ class derived(functools.cached_property[Any]):  # noqa: N801 - a decorator, like
         return self
 
 
+@overload
+def from_part(
+    path: str, dims: Literal[""], *description: Any, kind: _Whole, **more: Any
+) -> functools.cached_property[int | Any]: ...
+@overload
+def from_part(
+    path: str, dims: str, *description: Any, kind: _InArrays, **more: Any
+) -> "functools.cached_property[np.ndarray | Any]": ...
+@overload
+def from_part(path: str, *description: Any, **more: Any) -> Any: ...
 def from_part(path: str, *description: Any, **more: Any) -> Any:
     """Describe a quantity that is an attribute of a field of a result, as in `deployment.cells`.
 
-    If the field is `None`, the result does not have the quantity. The arguments after `path` are
+    If the field is `None`, the result does not have the quantity; otherwise type checkers know the
+    type of numbers and arrays from the dimensions and the kind. The arguments after `path` are
     those of [`quantity`][jaxcell.base.quantities.quantity].
     """
 

@@ -1,9 +1,10 @@
-"""Short texts, HTML and plots of the objects that public functions return."""
+"""Short texts, HTML and plots of the objects that public functions return; names of modules."""
 
 import dataclasses
 import importlib
 import reprlib
 import textwrap
+from collections.abc import Mapping
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
@@ -50,6 +51,12 @@ class Pictured(Shown):
         """
         axes: Axes = figures("plot").plot(self, name, ax=ax, on=on, **options)
         return axes
+
+
+def own_names(module: Mapping[str, Any]) -> list[str]:
+    """Return the public names of the functions and classes that a module defines."""
+    own, public = module["__name__"], (name for name in module if name[0] != "_")
+    return [name for name in public if getattr(module[name], "__module__", "") == own]
 
 
 def figures(module: str) -> ModuleType:

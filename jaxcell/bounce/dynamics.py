@@ -2,13 +2,13 @@ import dataclasses
 import functools
 import math
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Annotated, Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Real
 
 from ..base.indices import as_array
 from ..base.quantities import derived, quantity
@@ -26,6 +26,9 @@ Bounces: TypeAlias = Annotated[
 # A compiled program is made for a cell space and a motion: its tables depend on both.
 jax.tree_util.register_static(CellSpace)
 jax.tree_util.register_static(Motion)
+Place: TypeAlias = int | np.integer | Sequence[float | int] | Real[np.ndarray, "numbers"]
+"""A cell: its number, or the pose `(x, y, heading)` in metres and radians of a point in it, where
+the heading is one of the directions, and by default 0, which is East."""
 _Ints: TypeAlias = Int[Array, "..."] | Int[np.ndarray, "..."]
 
 
@@ -190,6 +193,22 @@ def check_cell(cell: int, size: int, name: str = "start") -> int:
     return int(cell)
 
 
+def cell_of(cells: CellSpace, place: Place, name: str = "start") -> int:
+    """Return the number of a cell, or raise `ValueError` about the argument `name`."""
+    expected = "a cell, or a pose x, y, heading in metres and radians"
+    numbers = np.asarray(as_array(place, name, f"; expected {expected}"))
+    if numbers.ndim == 0 and float(numbers).is_integer():
+        return check_cell(int(numbers), cells.size, name)
+    if numbers.shape not in ((2,), (3,)):
+        raise ValueError(f"{name}: expected {expected}, got {place!r}")
+    direction = bounce_shift(numbers[2:].sum(), cells.directions, f"{name}: heading").item()
+    try:
+        position = int(cells.index(numbers[0], numbers[1]))
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
+    return direction * cells.positions + position
+
+
 def robots_over_time(path: str, dims: str) -> tuple[Any, Any, Any, Any]:
     """Define four properties of a class of results: the time, and x, y and heading of its robots.
 
@@ -197,15 +216,14 @@ def robots_over_time(path: str, dims: str) -> tuple[Any, Any, Any, Any]:
     are its dimensions, such as `"time robot"`.
     """
     visited, centre = operator.attrgetter(path), _centres(path)
+    heading = derived(dims, "heading of the robot", "rad", sense="counter-clockwise")
     return (
         derived("time", "mappings since the start", "mappings", kind="coordinate")(
             lambda result: np.arange(len(visited(result)), dtype=np.int32)
         ),
         derived(dims, "x of the robot", "m")(lambda result: centre(result)[0]),
         derived(dims, "y of the robot", "m")(lambda result: centre(result)[1]),
-        derived(dims, "heading of the robot", "rad", sense="counter-clockwise")(
-            lambda result: centre(result)[2]
-        ),
+        heading(lambda result: centre(result)[2]),
     )
 
 

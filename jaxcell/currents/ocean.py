@@ -2,14 +2,13 @@
 
 import dataclasses
 import os
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
 from jaxtyping import Shaped
 
-from ..base.doubts import Doubt
+from ..base.doubts import Doubt, warn
 from .axes.depths import choose_layers
 from .axes.times import When, choose_records, record_times
 from .fields import Field, FieldReader
@@ -165,7 +164,7 @@ def open_currents(
         "coastline": "" if land is None else os.fspath(land),
     }
     for doubt in field.doubts:
-        warnings.warn(f"{source_name(path)}: {doubt}", Doubt, stacklevel=2)
+        warn(f"{source_name(path)}: {doubt}", Doubt)
     field = dataclasses.replace(field, u=u, v=v)
     return _dataset(field, cells, chosen[:1] if mean else chosen, attributes)
 

@@ -1,6 +1,5 @@
 """Records of several files as one dataset; each record is read from its file when it is used."""
 
-import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,7 +9,7 @@ from jaxtyping import Int, Shaped
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
-from ..base.doubts import Doubt
+from ..base.doubts import Doubt, warn
 from .axes.dimensions import axis_kind
 from .axes.times import read_times, time_variable
 from .netcdf import OceanFile
@@ -84,7 +83,7 @@ def join_records(files: Sequence[OceanFile], name: str) -> OceanFile:
             whole[name] = variable
             doubts.add(doubt)
     for doubt in doubts - {""}:
-        warnings.warn(f"{joined.name}: {doubt}", Doubt, stacklevel=2)
+        warn(f"{joined.name}: {doubt}", Doubt)
     if not whole:
         raise joined.error(
             "time",

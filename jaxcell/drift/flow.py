@@ -9,6 +9,7 @@ from jaxtyping import Array, Float, Int
 from scipy.ndimage import correlate1d, distance_transform_edt
 
 from ..base.precision import require_x64
+from ..base.shown import Shown
 from ..base.wide import traced
 from ..currents.sphere import turned
 from .water import Water
@@ -16,7 +17,7 @@ from .water import Water
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
-class Flow:
+class Flow(Shown):
     """The velocity of the water of one layer, in cells per second along the axes of the grid.
 
     The point `(x, y)` lies in column `x` and row `y` of the grid; integers are the centres of

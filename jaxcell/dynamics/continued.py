@@ -1,12 +1,13 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Real
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
+from ..base.indices import as_array
 from ..base.quantities import Result, derived, quantities, quantity
 from ..space.box import Box
 from .answers import answer_along
@@ -16,6 +17,7 @@ from .imaging import Say
 from .maps import Map
 
 
+Params: TypeAlias = Mapping[str, Any] | Sequence[float | int] | Real[np.ndarray, "members"]
 # Largest numbers of cells and of parameters in a batch, and of random orbits per parameter.
 _CELLS = 1 << 20
 _TOGETHER = 64
@@ -135,7 +137,7 @@ class Continuation(Result):
 
 
 def continuation(
-    map: Map, box: Box, params: Mapping[str, Any], *, say: Say | None = None, **options: Any
+    map: Map, box: Box, params: Params, *, say: Say | None = None, **options: Any
 ) -> Continuation:
     """Find attractors and basins for each set of parameters in a list, and match them along it.
 
@@ -147,8 +149,9 @@ def continuation(
     name. `merges` reports the attractor in whose basin a vanished attractor lies.
 
     **Arguments:** as for [`jaxcell.dynamics.basins`][], except that each value of `params` is a
-    number, or an array if the parameter varies; all arrays have the same length. **Returns:** the
-    basins for each entry of these arrays, and the names of the attractors.
+    number, or an array if the parameter varies; all arrays have the same length. If the map has one
+    parameter, a number, `params` is the array of its values. **Returns:** the basins for each entry
+    of these arrays, and the names of the attractors.
 
     A second attractor appears, and takes half of the box:
 
@@ -164,7 +167,11 @@ def continuation(
         >>> branches.vanishes.tolist(), branches.merges.tolist()
         ([2, 2], [-1, -1])
     """
-    each = listed(params)
+    if isinstance(params, Mapping):
+        each = listed(params)
+    else:
+        params = {"parameter": as_array(params, "params", "; expected values of each parameter")}
+        each = [one["parameter"] for one in listed(params)]
     members: list[Basins] = []
     together = int(np.clip(_CELLS // box.size, 1, _TOGETHER))
 

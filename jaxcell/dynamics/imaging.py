@@ -1,7 +1,6 @@
 """Images of all cells of a box, in chunks of bounded memory."""
 
 import functools
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -10,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ..base.doubts import warn
 from ..base.indices import check_whole
 from ..base.quantities import Result
 from ..base.wide import traced
@@ -142,7 +142,7 @@ def torn_axes(
         differs = np.median(apart, axis=1) > 1e-3
         torn = [(*axes, axis) if new else axes for axes, new in zip(torn, differs, strict=True)]
         if differs.any():
-            warnings.warn(remark_of_torn(axis_names(box, labels)[axis]), stacklevel=2)
+            warn(remark_of_torn(axis_names(box, labels)[axis]))
     return torn
 
 

@@ -2,12 +2,13 @@ import dataclasses
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from ..base.shown import Shown
 from ..space.box import Box
 from .maps import Map
 
 
 @dataclasses.dataclass(frozen=True)
-class System:
+class System(Shown):
     """A map with its box, its parameters, and the names of its axes."""
 
     map: Map

@@ -1,6 +1,5 @@
 import dataclasses
 import functools
-import warnings
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import jax
@@ -12,14 +11,15 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..base import memory
 from ..base.divided import of_members
+from ..base.doubts import warn
 from ..base.indices import as_array, check_indices
 from ..base.precision import require_x64
 from ..base.shown import Pictured
 from ..base.wide import traced, widened
 
 
-# Tolerance of the sum of a row.
-_ROUNDING = 1e-12
+# Tolerance of the sum of a row, and for numbers of 32 bits.
+_ROUNDING, _ROUNDING_32 = 1e-12, 1e-6
 _OF_GRAPH = "; networkx.to_scipy_sparse_array(graph) makes one of a graph"
 # Peak memory of the construction of a chain, per branch and cell.
 BYTES_PER_SLOT = 26
@@ -37,8 +37,9 @@ class Chain(Pictured):
     `b`-th image of every cell and its probability. Unused entries of a cell with fewer images hold
     the cell itself and probability 0; they are not edges of the chain. If the probabilities of a
     cell sum to less than 1, the rest is the probability of leaving the space for a *sink*, from
-    which nothing returns; a rest of at most 1e-12 counts as rounding. Probabilities are never
-    rescaled, but a warning says if sums below 1 look like those of rounded numbers.
+    which nothing returns; a rest of at most 1e-12 counts as rounding. Numbers of 32 bits whose sum
+    differs from 1 as rounding to 32 bits explains, by at most 1e-6, are divided by it. Others are
+    never rescaled, but a warning says if sums below 1 look like those of rounded numbers.
 
     The arrays have as many rows as the cell with the most images needs, and 12 bytes per entry.
 
@@ -70,6 +71,7 @@ class Chain(Pictured):
         """
         require_x64("a chain")
         image, probability = as_array(image, "image"), as_array(probability, "probability")
+        probability = _in_64_bits(probability)
         check_arrays(image, probability, ("branches", "cells"))
         image, probability = _kept(image, np.int32), _kept(probability, np.float64)
         if traced(image, probability):
@@ -216,6 +218,27 @@ def number_per_cell(values: Any, cells: int, name: str) -> Any:
     return array if jnp.issubdtype(array.dtype, jnp.inexact) else array.astype(np.float64)
 
 
+def _in_64_bits(probability: Any) -> Any:
+    """Convert probabilities to 64 bits; divide those of a cell by their sum if 32 bits rounded it.
+
+    Numbers of 64 bits may have been rounded to 32 bits before.
+    """
+    known = not traced(probability) and probability.dtype in (bool, np.float32, np.float64)
+    if not known or probability.ndim != 2:
+        return probability
+    numbers = np.asarray(probability, np.float64)
+    wrong = np.abs(1 - numbers.sum(axis=0))
+    (cells,) = np.nonzero((wrong > _ROUNDING) & (wrong <= _ROUNDING_32))
+    exact = numbers[:, cells] == numbers[:, cells].astype(np.float32)
+    few = wrong[cells] <= np.count_nonzero(numbers[:, cells], axis=0) * 2.0**-24
+    cells = cells[exact.all(axis=0) & few]
+    if not cells.size:
+        return probability if probability.dtype == np.float64 else numbers
+    total = np.ones(numbers.shape[1])
+    total[cells] = numbers[:, cells].sum(axis=0)
+    return numbers / total
+
+
 def _kept(array: Any, kind: Any) -> Any:
     """Convert an array to a JAX array that shares no memory with a NumPy array."""
     if isinstance(array, jax.Array):
@@ -246,7 +269,7 @@ def slots_of(
     slot = np.arange(rows.nnz) - np.repeat(rows.indptr[:-1], edges)
     image = np.tile(np.arange(cells, dtype=np.int32), (branches, 1))
     image[slot, cell] = rows.indices
-    whole = np.issubdtype(rows.dtype, np.integer)
+    whole = rows.dtype.kind in "biu"
     probability = np.zeros((branches, cells), np.float64 if whole else rows.dtype)
     probability[slot, cell] = rows.data
     return image, probability
@@ -338,12 +361,11 @@ def check_arrays(image: Any, probability: Any, axes: tuple[str, ...]) -> None:
             "are rounded, divide numpy.asarray(P, float) by the sum of each row"
         )
     if total.ndim == 1 and (rounded := _rounded(probability, total)).size:
-        warnings.warn(
+        warn(
             f"probability: the numbers of {rounded.size} of {total.size} cells sum to a little "
             f"less than 1 (those of cell {rounded[0]} to {total[rounded[0]]:.12g}), as rounded "
             "numbers do; the rest counts as the probability of leaving the space; if it is "
             "rounding, divide the numbers of each cell by their sum",
-            stacklevel=4,
         )
 
 

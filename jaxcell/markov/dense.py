@@ -29,8 +29,12 @@ from jaxtyping import Array, Float
 
 from ..base.indices import as_array
 from ..base.precision import require_x64
+from ..base.shown import own_names
 from ..base.wide import wide
 from ..mapping.generalized import Chain
+
+
+__dir__ = functools.partial(own_names, globals())
 
 
 @wide

@@ -1,6 +1,5 @@
 import dataclasses
 import operator
-import warnings
 from collections.abc import Hashable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -8,7 +7,7 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Float, Int
 
-from ..base.doubts import Doubt
+from ..base.doubts import Doubt, warn
 from ..base.shown import Pictured
 from .geographic import degrees, great_circles, in_metres, positioned
 from .validation import finite, one_each
@@ -163,12 +162,11 @@ def _of_networkx(
     unread = _UNREAD.intersection(*(values for *_, values in network.edges(data=True)))
     if ways is None and unread:
         of_each = "1 m" if xy is None else "the distance of its ends"
-        warnings.warn(
+        warn(
             f"edges: the networkx graph has no `length` of edges, and its `{min(unread)}` is not "
             f"read: the length of each edge is {of_each}; give lengths as `length` or `ways`, in "
             "metres",
             Doubt,
-            stacklevel=4,
         )
     return ends, xy, ways
 

@@ -2,14 +2,13 @@ import dataclasses
 import functools
 import math
 import os
-import warnings
 from typing import Any
 
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
 
-from ..base.doubts import Doubt
+from ..base.doubts import Doubt, warn
 from ..base.limits import Unknown
 from ..base.shown import Pictured
 from ..base.wide import namespace
@@ -301,7 +300,7 @@ def suggested(
             f"{place}: the map suggests no side of a cell, so cells are squares of {side:g} m; "
             "set another side with `cell`"
         )
-        warnings.warn(doubt, Doubt, stacklevel=2)
+        warn(doubt, Doubt)
     return workspace, side, (workspace.directions or 8) if directions is None else directions
 
 

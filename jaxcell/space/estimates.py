@@ -5,12 +5,14 @@ The factors were measured on maps of up to 10^8 cells. The memory of Python and 
 """
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import TypeAlias
 
 from ..base import memory
 from ..base.limits import MAX_CELLS, MAX_VERTICES
+from ..base.shown import own_names
 from .cells import CellSpace
 from .extent import Extent
 from .motion import Motion
@@ -18,6 +20,7 @@ from .occupancy import cutting_bytes
 from .segments import STEPS_AT_ONCE
 
 
+__dir__ = functools.partial(own_names, globals())
 Need: TypeAlias = Callable[[Extent], float | int]
 
 # Bytes per cell: an image with groups and steps; a roadmap; a choice of angles to localize with.

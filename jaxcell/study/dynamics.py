@@ -1,16 +1,22 @@
 import dataclasses
 import functools
-import warnings
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
 import tyro
 
 from .. import dynamics, space
 from ..base import memory
+from ..base.doubts import warn
 from .loading import load_object
 from .parameters import WholeNumber, did_you_mean
 from .study import Say, Study, about, silent
 
+
+# The help of commands does without JAX, which systems need.
+if TYPE_CHECKING:
+    SystemLike: TypeAlias = str | dynamics.System
+else:
+    SystemLike = str | Any
 
 # Bytes per cell during the computation, per cell of a result, and of a chunk being mapped.
 _BYTES_PER_CELL = 24
@@ -24,7 +30,9 @@ _MAX_AT_ONCE = 1 << 25
 class SystemStudy(Study):
     """Base class of studies of a dynamical system in a box that is divided into cells."""
 
-    system: tyro.conf.Positional[str] = dataclasses.field(kw_only=False)
+    system: tyro.conf.Positional[Annotated[SystemLike, tyro.conf.arg(constructor=str)]] = (
+        dataclasses.field(kw_only=False)
+    )
     """FILE.py:NAME of a jaxcell.dynamics.System, or one of duffing, pendulum, henon, magnetic,
     lorenz84 and thomas."""
     params: tuple[str, ...] = ()
@@ -44,7 +52,8 @@ class SystemStudy(Study):
         return dataclasses.replace(system, box=space.Box(box.lower, box.upper, cells, box.axes))
 
     def headline(self, spec: dict[str, Any]) -> str:
-        return self.chosen.about or f"The system {self.system}"
+        name = self.system if isinstance(self.system, str) else "of the program"
+        return self.chosen.about or f"The system {name}"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -101,7 +110,7 @@ class Dynamics(SystemStudy):
             if self.by == "orbits":
                 raise ValueError("folder: expected basins by cells, not by orbits")
             where = system.map, system.box, params
-            warnings.warn(f"{dynamics.foretold(*where, follow=self.follow)}.", stacklevel=2)
+            warn(f"{dynamics.foretold(*where, follow=self.follow)}.")
             basins = dynamics.stored_basins(*where, folder=self.folder, **options)
         else:
             basins = dynamics.basins(system.map, system.box, params, by=self.by, **options)
@@ -114,8 +123,12 @@ class Dynamics(SystemStudy):
         return not self.folder or self.chosen.box.size <= _MAX_AT_ONCE
 
 
-def load_system(reference: str) -> "dynamics.System":
-    """Load a system from `FILE.py:NAME`, or by its name in jaxcell."""
+def load_system(reference: SystemLike) -> "dynamics.System":
+    """Return a system, or load it from `FILE.py:NAME`, or by its name in jaxcell."""
+    if isinstance(reference, dynamics.System):
+        return reference
+    if not isinstance(reference, str):
+        raise ValueError("system: expected a name or dynamics.System(function, box, params)")
     if ":" not in reference:
         # This import takes seconds.
         from ..dynamics import systems

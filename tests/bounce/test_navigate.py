@@ -9,7 +9,14 @@ import zarr
 from hypothesis import given, strategies as st
 from random_rooms import grids
 
-from jaxcell.bounce import AllPlans, all_plans, bounce_map, plan, replay
+from jaxcell.bounce import (
+    AllPlans,
+    all_plans,
+    bounce_map,
+    localization_policy,
+    plan,
+    replay,
+)
 from jaxcell.space import ENDPOINT, CellSpace, Motion, Workspace
 
 
@@ -241,6 +248,9 @@ def test_other_stores_are_refused(tmp_path):
         ({"bounces": [math.pi / 2, -1.5 * math.pi]}, "bounces: 90 and -270 deg are the same turn"),
         ({"start": 120}, "start: cell 120 does not exist; cells are 0 to 119"),
         ({"goal": -1}, "goal: cell -1 does not exist"),
+        ({"start": (0.5,)}, "start: expected a cell, or a pose x, y, heading in metres"),
+        ({"goal": (0.5, 0.5, 90)}, "goal: heading: 5156.62 deg is not a whole number of the 8"),
+        ({"goal": (99, 0.5, 0)}, r"goal: the point \(99, 0.5\) is off the map"),
         ({"keep": 0}, "keep: expected a finite cost above 0, got 0"),
         ({"keep": math.nan}, "keep: expected a finite cost above 0, got nan"),
         ({"change": math.inf}, "change: expected a finite cost above 0, got inf"),
@@ -252,6 +262,20 @@ def test_other_stores_are_refused(tmp_path):
 def test_arguments_that_do_not_fit_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         plan(**{"cells": two_rooms(), "bounces": LAB, "start": 0, "goal": 1, **arguments})
+
+
+@pytest.mark.parametrize("method", ["plan", "plan of all", "replay", "drive"])
+def test_a_pose_stands_for_its_cell(method):
+    cells = two_rooms()
+    *place, heading = (float(one) for one in cells.centre(2 * cells.positions + 3))
+    find = {
+        "plan": lambda start: plan(cells, LAB, start, goal=5).visited,
+        "plan of all": lambda start: all_plans(cells, LAB).plan(start, 5).visited,
+        "replay": lambda start: replay(cells, start, []),
+        "drive": lambda start: localization_policy(cells, LAB).drive(start).path,
+    }[method]
+    assert find((*place, heading)).tolist() == find(2 * cells.positions + 3).tolist()
+    assert find(np.array(place)).tolist() == find(3).tolist()
 
 
 @pytest.mark.parametrize(

@@ -6,12 +6,13 @@ import re
 import subprocess
 import sys
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
 from recordings import Recording
 
-from jaxcell import study
+from jaxcell import dynamics, space, study
 from jaxcell.cli.app import run
 
 
@@ -165,3 +166,26 @@ def test_bad_parameters_are_refused_in_one_line(parameters, message):
     with pytest.raises(ValueError, match=re.escape(message)) as refused:
         study.Dynamics(**{"system": "duffing", **parameters}).run()
     assert "\n" not in str(refused.value)
+
+
+def wells(x, p):
+    return jnp.where(x > p["edge"], 0.95, 0.25)
+
+
+@pytest.mark.parametrize("kind", [study.Dynamics, study.Morse])
+def test_studies_take_a_system_of_the_program(kind):
+    system = dynamics.System(wells, space.Box([0], [1], [20]), {"edge": 0.5})
+    own = kind(system, cells=(10,))
+    result = own.run()
+    assert own.chosen.box.size == 10
+    assert own.headline(own.spec(result)) == "The system of the program"
+    with pytest.raises(ValueError, match=r"system: expected a name or dynamics.System"):
+        kind(wells).run()
+
+
+def test_a_list_of_values_varies_the_only_parameter_of_a_map():
+    box = space.Box([0], [1], [20])
+    named = dynamics.continuation(wells, box, {"edge": [0.75, 0.5]})
+    found = dynamics.continuation(lambda x, p: wells(x, {"edge": p}), box, [0.75, 0.5])
+    assert found.fraction.tolist() == named.fraction.tolist()
+    assert found.parameters == ["parameter=0.75", "parameter=0.5"]

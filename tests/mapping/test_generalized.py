@@ -105,7 +105,7 @@ def test_gradient_of_a_step():
         ([0, 1], [1.0, 1.0], "branches, cells"),
         (np.zeros((0, 2), int), np.zeros((0, 2)), "branches, cells"),
         ([[0.0, 1.0]], [[1.0, 1.0]], "image: expected whole numbers of cells, got float64"),
-        ([[0, 1]], np.ones((1, 2), np.float32), "probability: expected float64, got float32"),
+        ([[0, 1]], np.ones((1, 2), np.float16), "probability: expected float64, got float16"),
     ],
 )
 def test_bad_arrays_are_refused(image, probability, message):
@@ -116,6 +116,25 @@ def test_bad_arrays_are_refused(image, probability, message):
 def test_matrix_that_is_not_square_is_refused():
     with pytest.raises(ValueError, match=r"as many rows as columns, got \(2, 3\)"):
         Chain.from_scipy(np.ones((2, 3)) / 3)
+
+
+@pytest.mark.parametrize("array", [np.float32, jnp.float32])
+def test_rows_of_32_bits_are_divided_by_their_sum(array):
+    rows = np.array([[0.1, 0.2, 0.7], [0.3, 0.3, 0.4], [0.6, 0.2, 0.2]])
+    given = array(rows)
+    for chain in (Chain.from_scipy(given), Chain(np.tile(np.arange(3)[:, None], 3), given.T)):
+        np.testing.assert_allclose(chain.to_scipy().toarray(), rows, rtol=1e-7)
+        np.testing.assert_allclose(chain.probability.sum(axis=0), 1, rtol=0, atol=1e-15)
+    switch = Chain.from_scipy(np.array([[0, 1], [1, 0]], bool))
+    assert switch.image.tolist() == [[1, 0]]
+    assert Chain.from_scipy(array([[0.9]])).leaving.item() == pytest.approx(0.1, abs=1e-7)
+    with pytest.raises(ValueError, match=r"cell 0 sum to .*; expected at most 1"):
+        Chain.from_scipy(array([[0.50001, 0.5], [0.5, 0.5]]))
+
+
+def test_a_small_leak_of_64_bits_stays():
+    leak = 1e-8
+    assert Chain.from_scipy(np.array([[1 - leak]])).leaving.item() == pytest.approx(leak)
 
 
 def test_matrix_is_made_once_and_read_only():

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
+from jaxcell import optimize
 from jaxcell.optimize.cover import greedy_cover, minimum_cover
 
 
@@ -86,3 +87,12 @@ def test_out_of_time_there_is_a_cover_and_a_bound():
 def test_a_negative_choice_is_refused():
     with pytest.raises(ValueError, match=r"choice: expected .* at least 0, got -1"):
         greedy_cover(np.ones((2, 2), bool), -1)
+
+
+@pytest.mark.parametrize("cover", [optimize.greedy_cover, optimize.minimum_cover])
+def test_masks_may_be_lists_but_not_lists_of_elements(cover):
+    assert cover([[True, False], [0, 1]]).chosen.tolist() == [0, 1]
+    with pytest.raises(ValueError, match="sets: expected an array of True and False, got int"):
+        cover([[0, 1], [1, 2]])
+    with pytest.raises(ValueError, match="sets: expected an array, got lists of different lengths"):
+        cover([[0, 1], [2]])

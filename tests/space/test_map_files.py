@@ -119,6 +119,7 @@ CONTENTS = [
     (b"3", "format: expected"),
     (b"null", "format: expected"),
     (b'{"format": "jaxcell-map", "version": 1}', "boundary: it is missing"),
+    (b'{"nodes": []}', "it is a graph, not a map; study.PatrolGraph and load_graph take it"),
     (b'{"cell": 1, "cell": 2}', "not valid JSON, or cut short: the key 'cell' is repeated"),
     (b"[" * 100_000, "not a map: its brackets are nested too deeply"),
     (b'{"cell": ' + b"9" * 5000 + b"}", "not valid JSON, or cut short"),

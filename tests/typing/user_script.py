@@ -1,7 +1,7 @@
 """A program of a user, which type checkers read: `make lint`. It is not run."""
 
 import math
-from typing import assert_type
+from typing import Any, assert_type
 
 import jax
 import networkx as nx
@@ -37,6 +37,8 @@ assert_type(groups, mapping.PeriodicGroups)
 assert_type(groups.plot("step", on=cells, direction=3), Axes)
 filter = bounce.localization_filter(bounces)
 assert_type(bounce.localize(bounces, filter, start=49).candidates, np.ndarray)
+plan = bounce.plan(cells, [math.pi / 2], start=(0.5, 0.5, math.pi / 2), goal=5)
+assert_type(plan.bumps, int | Any)
 automata.to_c_header(filter)
 walls.Boundary.of(room)
 
@@ -56,6 +58,8 @@ sea = drift.SeaDrift.of(currents)
 assert_type(sea.plot(), Axes)
 box = space.Box([-2, -2], [2, 2], cells=[200, 200])
 basins = dynamics.basins(lambda x, p: 0.5 * x, box)
+dynamics.continuation(lambda x, p: p * x, box, [0.25, 0.5])
+study.Dynamics(dynamics.System(lambda x, p: 0.5 * x, box)).run()
 assert_type(basins.plot(), Axes)
 
 for place in (

@@ -13,7 +13,7 @@ from ...automata.policy import Onward
 from ...base.quantities import Checks, derived, from_part, quantity
 from ...space import CELL_BY_CELL, CellSpace, Motion
 from ...space.touching import touching_steps
-from ..dynamics import Bounces, bounce_shift, check_cell
+from ..dynamics import Bounces, Place, bounce_shift, cell_of
 from ..plans.roadmap import Roadmap
 from .corners import policy_touches, touching_runs
 from .localize import Localization, drive_until_localized
@@ -182,12 +182,12 @@ class LocalizationPolicy(States):
         """For each cell, the class (see `wall_class`) of the wall to which its run leads."""
         return self.wall_class[self.roadmap.wall]
 
-    def drive(self, start: int) -> Localization:
+    def drive(self, start: Place) -> Localization:
         """Drive a simulated robot with the policy until it is localized.
 
         For each time, the result contains the state of the policy at the most recent bump.
         """
-        start = check_cell(start, self.cells.size)
+        start = cell_of(self.cells, start)
         return drive_until_localized(
             self.policy,
             start,
@@ -364,7 +364,7 @@ class AdaptivelyLocalized(RunOnMap, LocalizationPolicy):
     run: Localization
 
     @classmethod
-    def of(cls, policy: LocalizationPolicy, start: int) -> "AdaptivelyLocalized":
+    def of(cls, policy: LocalizationPolicy, start: Place) -> "AdaptivelyLocalized":
         """Drive a simulated robot from a cell until a policy has localized it."""
         fields = {field.name: getattr(policy, field.name) for field in dataclasses.fields(policy)}
         return cls(**fields, run=policy.drive(start))

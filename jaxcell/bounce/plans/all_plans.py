@@ -11,7 +11,7 @@ from ...base import memory
 from ...base.quantities import Checks, Result, quantity
 from ...base.shown import Shown
 from ...space import CELL_BY_CELL, CellSpace, Motion
-from ..dynamics import check_cell
+from ..dynamics import Place, cell_of, check_cell
 from .plan import Plan, read_plan
 from .roadmap import Method, Roadmap
 from .routes import Routes, block_size, costs, solve
@@ -62,9 +62,9 @@ class AllPlans(Shown):
     source: Routes | Path
     "The routes to all entries, or the store that holds them."
 
-    def plan(self, start: int, goal: int) -> Plan:
+    def plan(self, start: Place, goal: Place) -> Plan:
         """Find the cheapest plan from a cell to a goal, as [`jaxcell.bounce.plan`][] does."""
-        start, goal = check_cell(start, self.cells.size), check_cell(goal, self.cells.size, "goal")
+        start, goal = cell_of(self.cells, start), cell_of(self.cells, goal, "goal")
         routes = self._routes(self.roadmap.entry_of[[goal]])
         return read_plan(self.cells, self.roadmap, routes, start, goal)
 

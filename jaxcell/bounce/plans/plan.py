@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ...base.formatting import configuration, counted
 from ...base.quantities import Checks, Result, derived, from_part, quantity
 from ...space import CELL_BY_CELL, CellSpace, Motion
-from ..dynamics import bounce_shift, check_cell, motion_violations, moves, robots_over_time
+from ..dynamics import Place, bounce_shift, cell_of, motion_violations, moves, robots_over_time
 from .roadmap import Method, Roadmap
 from .routes import Routes, costs, solve
 
@@ -43,6 +43,9 @@ class Plan(Result):
     "The visited cells; only the start if there is no path."
     reaching: Bool[np.ndarray, "cells"]
     "A mask of the cells from which the goal can be reached, including the goal."
+
+    def __repr__(self) -> str:
+        return f"<Plan: {self.answer[0]}>"
 
     @property
     def answered(self) -> bool:
@@ -136,8 +139,8 @@ class Plan(Result):
 def plan(
     cells: CellSpace,
     bounces: Float[np.ndarray, "angles"] | Array | Sequence[float],
-    start: int,
-    goal: int,
+    start: Place,
+    goal: Place,
     keep: int | float = 1,
     change: int | float = 100,
     *,
@@ -159,8 +162,9 @@ def plan(
     In the layered search, turns by A, B, A cost `2 keep + change`, and turns by A, A, B, B cost
     `2 keep + 2 change`. In the exact search they cost `keep + 2 change` and `3 keep + change`.
 
-    **Arguments:** a cell space, the first and the last cell, the angles to choose from in radians,
-    counter-clockwise, the two costs, a motion and a method.
+    **Arguments:** a cell space, the angles to choose from in radians, counter-clockwise, the start
+    and the goal, the two costs, a motion and a method. Start and goal are cells, or poses `(x, y,
+    heading)` in metres and radians, where the heading is one of the directions, and by default 0.
 
     **Returns:** the plan. Its cost is -1 if there is no path, and whole if both costs are whole.
 
@@ -173,9 +177,11 @@ def plan(
         >>> plan = bounce.plan(cells, [math.pi], start=0, goal=4)
         >>> plan.cost, plan.visited.tolist()
         (4, [0, 1, 2, 5, 4])
+        >>> bounce.plan(cells, [math.pi], start=(0.5, 0.5), goal=(1.5, 0.5, math.pi)).cost
+        4
     """
     roadmap = Roadmap.of(cells, bounces, keep, change, motion=motion, method=method)
-    start, goal = check_cell(start, cells.size), check_cell(goal, cells.size, "goal")
+    start, goal = cell_of(cells, start), cell_of(cells, goal, "goal")
     return read_plan(cells, roadmap, solve(roadmap, roadmap.entry_of[[goal]]), start, goal)
 
 
@@ -213,15 +219,15 @@ def read_plan(cells: CellSpace, roadmap: Roadmap, routes: Routes, start: int, go
 
 def replay(
     cells: CellSpace,
-    start: int,
+    start: Place,
     actions: Float[np.ndarray, "steps"] | Sequence[float],
     *,
     motion: Motion = CELL_BY_CELL,
 ) -> Int[np.ndarray, "visited"]:
     """Simulate a bouncing robot that executes an action string.
 
-    **Arguments:** a cell space, a first cell, and actions: 0 for a step forward, and an angle in
-    radians for a bump. **Returns:** the visited cells.
+    **Arguments:** a cell space, a first cell or pose, and actions: 0 for a step forward, and an
+    angle in radians for a bump. **Returns:** the visited cells.
 
     **Raises:** `ValueError` if an action is not possible in its cell.
 
@@ -233,10 +239,11 @@ def replay(
         >>> bounce.replay(cells, 0, [0.0, 0.0, math.pi, 0.0]).tolist()
         [0, 1, 2, 5, 4]
     """
-    direction, position = divmod(check_cell(start, cells.size), cells.positions)
+    first = cell_of(cells, start)
+    direction, position = divmod(first, cells.positions)
     possible = moves(cells, motion=motion)
     target = np.asarray(possible.target)[np.asarray(possible.way)]
-    path = [start]
+    path = [first]
     for i, action in enumerate(actions):
         ahead = target[direction, position].item()
         if (action != 0) != (ahead == position):

@@ -5,12 +5,12 @@ from jaxtyping import Float
 
 from ...space import CellSpace, Slip, felt_walls, slipping_step, stride_legs
 from ...space.slip import ERRORS
-from ..dynamics import bounce_shift
+from ..dynamics import Place, bounce_shift, cell_of
 
 
 def plan_runs(
     cells: CellSpace,
-    start: int,
+    start: Place,
     actions: Sequence[float],
     slip: Slip,
     *,
@@ -20,9 +20,9 @@ def plan_runs(
 ) -> Float[np.ndarray, "successful 3"]:
     """Simulate runs of a robot that slips and follows a plan, in continuous space.
 
-    **Arguments:** a cell space and the cell of the start; actions, 0 for a step forward or the
-    angle to turn by at a bump, in radians; the slip; the number of runs; the length of a step in
-    metres, by default one cell; and a seed.
+    **Arguments:** a cell space; the cell or the pose of the start; actions, 0 for a step forward or
+    the angle to turn by at a bump, in radians; the slip; the number of runs; the length of a step
+    in metres, by default one cell; and a seed.
 
     **Returns:** the final poses (x and y in metres, the heading in radians) of the robots that
     bumped exactly at the bumps of the plan.
@@ -40,8 +40,9 @@ def plan_runs(
     draw = np.random.default_rng(seed)
     legs = stride_legs(cells.directions, cells.cell, cells.cell if step is None else step)
     walls = felt_walls(cells.room, slip.give)
-    pose = np.tile(np.stack(cells.centre(np.asarray(start)), axis=-1), (runs, 1))
-    direction = start // cells.positions
+    cell = cell_of(cells, start)
+    pose = np.tile(np.stack(cells.centre(np.asarray(cell)), axis=-1), (runs, 1))
+    direction = cell // cells.positions
     for action in actions:
         errors = draw.standard_normal((len(pose), ERRORS))
         leg = np.broadcast_to(legs[direction], pose.shape)

@@ -11,7 +11,7 @@ from ...base.formatting import configuration, counted, percent
 from ...base.quantities import PROBABILITY, Checks, Result, derived, from_part, quantity
 from ...space import CellSpace, Slip, felt_walls, nearest_cell, slipping_step, stride_legs
 from ...space.slip import ERRORS
-from ..dynamics import bounce_shift, candidate_poses
+from ..dynamics import Place, bounce_shift, candidate_poses, cell_of
 from ..localization.localize import Candidates, Localization, Observations
 
 
@@ -125,7 +125,7 @@ def slipping_run(
     cells: CellSpace,
     bounces: Sequence[float] | Float[np.ndarray, "angles"],
     slip: Slip,
-    start: int,
+    start: Place,
     *,
     seed: int = 0,
     step: float | None = None,
@@ -142,7 +142,7 @@ def slipping_run(
     - `hidden`: the map of fine cells that [`jaxcell.bounce.slip_map`][] returns.
     - `bounces`: the angles of `hidden` in radians, counter-clockwise. At each bump the robot
         chooses one of them according to its belief.
-    - `start`: the cell where the robot starts, which it does not know.
+    - `start`: the cell or the pose where the robot starts, which it does not know.
     - `step`: length of a step in metres, by default one cell.
     - `limit`: the largest number of observations.
     - `fine_side`, `fine_directions`: the side of a fine cell in metres, and the number of fine
@@ -163,6 +163,7 @@ def slipping_run(
         >>> bool(run.credible[-1] <= 4), run.truth_is_a_candidate
         (True, True)
     """
+    start = cell_of(cells, start)
     rng = np.random.default_rng([seed, start])
     legs = stride_legs(cells.directions, cells.cell, cells.cell if step is None else step)
     walls, belief = felt_walls(cells.room, slip.give), Belief(hidden)

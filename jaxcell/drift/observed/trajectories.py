@@ -3,7 +3,6 @@
 import dataclasses
 import os
 import re
-import warnings
 from pathlib import Path
 
 import cftime
@@ -11,7 +10,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Bool, Float, Int
 
-from ...base.doubts import Doubt
+from ...base.doubts import Doubt, warn
 from ...base.paths import replacing
 from ...base.process import library_writes
 from ...base.shown import Shown
@@ -112,7 +111,7 @@ class Trajectories(Shown):
                 f"which drifters could reach only at more than {FASTEST_CURRENT:g} m/s, or which "
                 f"rest at exactly 0 N 0 E; the first is at {lat[first]:g} N, {lon[first]:g} E"
             )
-            warnings.warn(doubt, Doubt, stacklevel=2)
+            warn(doubt, Doubt)
         number = np.unique(drifter, return_inverse=True)[1].astype(np.int64)
         return cls(lon, lat, time, number, source, since, drogued)._selected(possible)
 
@@ -242,7 +241,7 @@ def open_trajectories(path: Source) -> Trajectories:
     name, known = source_name(path), [column for column in columns if "drogued" in column]
     if 0 < len(known) < len(columns):
         some = f"{len(known)} of {len(columns)} files"
-        warnings.warn(f"{name}: the drogue is known in {some}, and not used", Doubt, stacklevel=2)
+        warn(f"{name}: the drogue is known in {some}, and not used", Doubt)
     fields = set.intersection(*(set(column) for column in columns))
     joined = {field: np.concatenate([column[field] for column in columns]) for field in fields}
     return Trajectories.of(**joined, source=name, since=since)

@@ -1,15 +1,11 @@
 """Results in words: where drifters end, when, how accurate the map is, and doubts about it."""
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from ...base.formatting import in_time
 from ..validation.distance import compared_hours
-
-
-if TYPE_CHECKING:
-    from .sea_drift import SeaDrift
 
 
 # The period of the principal lunar tide and of a day, in hours, and the tolerance of a multiple.
@@ -24,15 +20,15 @@ _FINE = 2000.0
 _MAX_REMARKS = 4
 
 
-def answer(drift: "SeaDrift") -> tuple[str, ...]:
-    """Summarize the results of the first layer in a few lines."""
+def answer(drift: Any) -> tuple[str, ...]:
+    """Summarize the first layer of a [`SeaDrift`][jaxcell.drift.SeaDrift] in a few lines."""
     lines = [_beyond(drift), _whole_steps(drift)]
     lines += [_gathering(drift), _leaving(drift), _certainty(drift)]
     lines += [_diffusion(drift), _forever(drift), _reach(drift)]
     return tuple(line for line in lines if line is not None)
 
 
-def _beyond(drift: "SeaDrift") -> str | None:
+def _beyond(drift: Any) -> str | None:
     """Explain which current follows the last record; `None` if records cover the time asked for."""
     covered, asked = drift.covered_hours, drift.asked_hours
     if covered == 0:
@@ -49,7 +45,7 @@ def _beyond(drift: "SeaDrift") -> str | None:
     return f"{begins}, as if the current repeated itself after them{period}."
 
 
-def _whole_steps(drift: "SeaDrift") -> str | None:
+def _whole_steps(drift: Any) -> str | None:
     """Explain why the answer is not for the time asked for; `None` if it is."""
     wanted, hours = drift.until, drift.asked_hours
     if wanted is None or in_time(hours) == in_time(wanted):
@@ -61,7 +57,7 @@ def _whole_steps(drift: "SeaDrift") -> str | None:
     )
 
 
-def _gathering(drift: "SeaDrift") -> str:
+def _gathering(drift: Any) -> str:
     """Describe the shares of drifters in nearly closed sets and off the map at `asked_hours`."""
     surface = drift.layers[0]
     share = surface.compared.replay.share(drift.asked_hours, surface.cells)
@@ -84,7 +80,7 @@ def _gathering(drift: "SeaDrift") -> str:
     return f"{where}, {listed}; {elsewhere:.0%} elsewhere, and {gone}."
 
 
-def _leaving(drift: "SeaDrift") -> str:
+def _leaving(drift: Any) -> str:
     """Describe the shares that left the map of drifters that are released in all cells."""
     of, cells = drift.layers[0].compared, drift.layers[0].cells
     times = [
@@ -99,7 +95,7 @@ def _leaving(drift: "SeaDrift") -> str:
     return f"What leaves the map: {', '.join(times)}."
 
 
-def _certainty(drift: "SeaDrift") -> str:
+def _certainty(drift: Any) -> str:
     """Describe the difference between the distributions of the map and of simulated drifters."""
     surface, test = drift.layers[0], drift.markov_test
     of, by = surface.compared, surface.by_release
@@ -126,7 +122,7 @@ def _certainty(drift: "SeaDrift") -> str:
     )
 
 
-def _forever(drift: "SeaDrift") -> str:
+def _forever(drift: Any) -> str:
     """Describe groups, times to reach them and ways out, without a limit of time."""
     surface = drift.layers[0]
     count = surface.persistent_groups
@@ -147,13 +143,13 @@ def _forever(drift: "SeaDrift") -> str:
     return f"{text}; ways out of the map: {', '.join(out)}." if out else f"{text}."
 
 
-def _always(drift: "SeaDrift") -> str:
+def _always(drift: Any) -> str:
     """Describe the current without a limit of time."""
     steady = drift.layers[0].by.period is None
     return f"If the {'mean current lasts' if steady else 'records repeat'} forever"
 
 
-def _reach(drift: "SeaDrift") -> str | None:
+def _reach(drift: Any) -> str | None:
     """Describe the shares of cells that 1, 2, ... drifters can ever reach; `None` if unknown."""
     if (curve := drift.curve) is None:
         return None
@@ -169,7 +165,7 @@ def _reach(drift: "SeaDrift") -> str | None:
     )
 
 
-def _diffusion(drift: "SeaDrift") -> str | None:
+def _diffusion(drift: Any) -> str | None:
     """Compare the requested diffusivity with what the grid adds; `None` if none is requested."""
     wanted, grid = drift.diffusivity, drift.grid_diffusivity
     if wanted is None:
@@ -187,7 +183,7 @@ def _place(lon: float, lat: float) -> str:
     return f"{abs(lat):.2f}° {north} {abs(lon):.2f}° {east}"
 
 
-def remarks_on(drift: "SeaDrift") -> tuple[str, ...]:
+def remarks_on(drift: Any) -> tuple[str, ...]:
     """Describe the doubts about a result, those that change the answer most first."""
     of_layers = [remark for layer in drift.layers for remark in layer.remarks]
     remarks = [*drift.notices, *_coastline(drift), *of_layers]
@@ -224,7 +220,7 @@ def remarks_on(drift: "SeaDrift") -> tuple[str, ...]:
     return tuple(remarks)
 
 
-def _coastline(drift: "SeaDrift") -> tuple[str, ...]:
+def _coastline(drift: Any) -> tuple[str, ...]:
     """Remark on a bundled coastline that is coarser than the squares of the grid."""
     side, notes = float(np.median(drift.waters[0].sides)), drift.currents.attrs.get("notes", "")
     if side >= _FINE or "Natural Earth" not in notes:

@@ -1,4 +1,3 @@
-import warnings
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -10,6 +9,7 @@ from scipy.sparse import csr_array, vstack
 from scipy.special import ndtr
 
 from ...base import memory
+from ...base.doubts import warn
 from ...base.indices import as_array, check_whole
 from ...base.precision import require_x64
 from ...base.wide import traced
@@ -122,11 +122,10 @@ def chain(
     whole = Chain.from_scipy(vstack([*rows(samples, 1.0)]))
     ends = np.array(box.axes) == "sink"
     if (ends & (deviation > 0)).any() and persistent_groups(whole).count:
-        warnings.warn(
+        warn(
             "noise: leads out of the box with less than 1e-12 per mapping from some groups, which "
             'therefore never leave it; extend the box with axes="clamp", and take the cells beyond '
             "its old ends as a target",
-            stacklevel=2,
         )
     return Chain(whole.image, whole.probability, half)
 

@@ -204,6 +204,8 @@ def _parse_json(text: str) -> tuple[list[Vertex], list[Edge], str]:
     document = decode_json(text, "a graph")
     if not isinstance(document, dict):
         raise ValueError(f"expected an object with nodes and edges, got {reprlib.repr(document)}")
+    if document.get("format") == "jaxcell-map":
+        raise ValueError("it is a map, not a graph; study.PatrolMap takes it")
     # networkx until version 3.4, and D3, call the edges "links".
     key = "edges" if "edges" in document else "links"
     fields, about = Fields(document), document.get("graph")

@@ -102,6 +102,8 @@ def write_map(
 def parse_json(text: str) -> dict[str, Any]:
     """Read a map in JSON, and return keyword arguments of `Workspace`, with lengths in metres."""
     document = decode_json(text, "a map")
+    if isinstance(document, dict) and "nodes" in document:
+        raise ValueError("it is a graph, not a map; study.PatrolGraph and load_graph take it")
     if not isinstance(document, dict) or document.get("format") != "jaxcell-map":
         raise ValueError('format: expected an object with "format": "jaxcell-map"')
     version = document.get("version")

@@ -2,7 +2,6 @@
 
 import json
 import reprlib
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from jaxtyping import Bool, Integer
 from PIL import UnidentifiedImageError
 
 from ...base.documents import refused
-from ...base.doubts import Doubt
+from ...base.doubts import Doubt, warn
 from ...base.limits import Unknown
 from .grid_files import grid_fields, grid_of, read_number, read_side
 from .images import read_image
@@ -142,7 +141,7 @@ def _free_pixels(
             f"{path}: {count:,} pixels that are not opaque are free, as in ROS 1; nav2 takes them "
             "as unknown: add mode: trinary to the .yaml file for that"
         )
-        warnings.warn(doubt, Doubt, stacklevel=2)
+        warn(doubt, Doubt)
     plain = (colours == colours[..., :1]).all(axis=2) & ~clear
     grey = np.where(plain, colours[..., 0] // (full // 255), 0)
     counts = np.bincount(grey[mask], minlength=256)
@@ -156,7 +155,7 @@ def _free_pixels(
                 "takes them as free, but savers of maps write this grey for unknown; to make all "
                 'unknown pixels free, use `unknown="free"`'
             )
-            warnings.warn(doubt, Doubt, stacklevel=2)
+            warn(doubt, Doubt)
     return mask
 
 

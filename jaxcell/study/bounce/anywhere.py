@@ -2,11 +2,11 @@
 
 import dataclasses
 import math
-import warnings
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from ... import bounce as bouncing, space, walls
+from ...base.doubts import warn
 from ...base.quantities import Result
 from ..errors import ErrorTexts, read_errors
 from ..map_study import DIRECTION_DEG, RobotStudy
@@ -95,10 +95,9 @@ class AnywhereStudy(RobotStudy):
 
         cells, filter = result.cells, result.filter
         if self.errors and not filter.errors.displacement:
-            warnings.warn(
+            warn(
                 "anywhere.json: `errors` have no displacement: a robot with a bumper "
                 "may leave its sets; add displacement=0.06, or twice the way that it backs off",
-                stacklevel=2,
             )
         about = {
             "cell_m": cells.cell,

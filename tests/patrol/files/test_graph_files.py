@@ -91,6 +91,7 @@ def test_networkx_reads_and_writes_the_same(tmp_path):
     ("change", "message"),
     [
         (lambda d: d.update(directed=True), "directed: it is directed; .* both ways"),
+        (lambda d: d.update(format="jaxcell-map"), r"it is a map, not a graph; study.PatrolMap"),
         (lambda d: d.pop("nodes"), r"nodes: expected a list, got None"),
         (lambda d: d.pop("edges"), r"links: expected a list, got None"),
         (lambda d: d.update(nodes=[]), "expected at least 2 vertices, got 0"),
