@@ -51,10 +51,10 @@ def described_instead(name: str, command: Any, error: str, commands: Mapping[str
             what = re.split("[;:] ", describe(path)["what"])[0]
             begin = max((key for key in taken if what.startswith(key)), key=len, default="")
             flag = option(type(command), parameter)
-            if begin and flag.startswith("--") and path.suffix == ".json":
-                wanted = error.removeprefix(f"{path}: ")
+            is_option, wanted = flag.startswith("--"), error.removeprefix(f"{path}: ")
+            if begin and is_option and wanted != error and path.suffix == ".json":
                 return f"{flag} {path}: it holds {what}; {wanted}"
-            if begin and not flag.startswith("--") and name not in taken[begin]:
+            if begin and not is_option and name not in taken[begin]:
                 return f"{path}: it holds {what}; give it to {listed(tuple(taken[begin]))}"
     return error
 

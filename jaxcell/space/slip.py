@@ -62,7 +62,8 @@ class Slip(Shown):
                 raise ValueError(f"slip: {name}: expected a number from 0 to 1, got {value:g}")
         if not abs(self.bump_turn) <= 1:
             raise ValueError(
-                f"slip: bump_turn: expected -1 to 1 radians, got {self.bump_turn:g} radians"
+                "slip: bump_turn: expected -1 to 1 radians (57.3 degrees), got "
+                f"{math.degrees(self.bump_turn):.3g} degrees"
             )
         for name in ("bumper", "give", "bump_skid"):
             value = getattr(self, name)

@@ -62,7 +62,9 @@ class Errors:
         ):
             value = getattr(self, field)
             if not 0 <= value < limit:
-                raise ValueError(f"errors: {field}: expected {expected}, got {value:g}")
+                is_angle = field in ("turn", "bump_turn", "heading")
+                got = f"{math.degrees(value):.3g} degrees" if is_angle else f"{value:g}"
+                raise ValueError(f"errors: {field}: expected {expected}, got {got}")
 
     @property
     def keep_headings(self) -> bool:

@@ -1,5 +1,7 @@
 import os
+import re
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 import xarray as xr
@@ -51,6 +53,14 @@ def test_too_few_addresses_for_jax_are_one_line(capsys, monkeypatch):
         "jaxcell groups: JAX reserves about 1.9 GB of addresses, and 1.0 GB are left: "
         "ulimit -v allows 1.5 GB of addresses"
     )
+
+
+@pytest.mark.parametrize("error", [MemoryError(), type("Full", (MemoryError,), {})("8 EiB")])
+def test_a_library_without_memory_is_answered_with_a_remedy(capsys, monkeypatch, error):
+    monkeypatch.setattr(CellSpace, "of", Mock(side_effect=error))
+    assert main(["groups", str(LAB), "--bounce", "45"]) == 2
+    said = capsys.readouterr().err
+    assert re.search(r"the memory is too little( \(8 EiB\))?; fewer or larger cells", said)
 
 
 @pytest.mark.parametrize("place", [0, 1, 4])

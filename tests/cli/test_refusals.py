@@ -58,6 +58,8 @@ localize anywhere @lab_a --bounce 45 --errors run=x
     --errors 'run=x': expected a number from 0 to 1, or a percentage such as 2%, got 'x'
 localize anywhere @lab_a --bounce 100
     angle: expected a multiple of 45 degrees, the width of a slice of headings, got 100 degrees
+localize anywhere @lab_a --bounce 45 --errors bump_turn=200deg
+    --errors: bump_turn: expected less than 45 degrees, got 200 degrees
 localize anywhere @lab_a --bounce 45 --start 2,2,0
     --start '2,2,0': (2 m, 2 m) is not in the free space
 navigate anywhere @lab_a --bounce 90 --goal 2,2 --robots 100000000

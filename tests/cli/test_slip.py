@@ -1,5 +1,7 @@
 """The commands for a robot that slips."""
 
+import re
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -43,6 +45,8 @@ def test_a_robot_that_slips_chooses_among_its_angles(capsys, tmp_path, room):
     assert status == 0
     assert (answer["bounce_deg"], answer["errors"]) == ([90, 135], ["slip=2%"])
     assert {"collision", "know", "aim", "open_world"}.isdisjoint(answer)
+    said = r"After \d+ steps? and \d+ bumps? the robot is at .* with .* [\d.]+ %, by its .*"
+    assert re.fullmatch(said, answer["answer"][0])
     hidden = HiddenMap.load(out / "belief.jxb")
     assert hidden.angles == 2
     with xr.open_dataset(out / "localization.nc") as dataset:
@@ -71,6 +75,7 @@ def test_plan_and_emulated_robot_arrive_alike_despite_slips(capsys, room):
     assert answer["policy_surely_arrives"]
     assert answer["policy_mean_steps"] >= 1
     assert answer["simulated_runs"] == 50
+    assert answer["answer"][0].startswith("With slip this plan arrives with a probability of ")
     least, most = answer["plan_arrives_from"], answer["plan_arrives_to"]
     assert least <= answer["plan_arrives"] <= most <= least + 0.02
     # Runs of the emulated robot, of which there are 50, share no code with those of the plan.
