@@ -29,7 +29,14 @@ def log_slip(stream: rr.RecordingStream, slipped: Slipped, spec: Spec) -> None:
         log_turns(map, slipped.pose[:, :2], slipped.turned_by >= 0, slipped.bounces[turns].tolist())
         marks.append("turn")
     seen = map.view("The robot, and its belief", marks)
-    views = rrb.Vertical(seen, _curves(stream, slipped), row_shares=[7, 3])
+    title, most = "Cells of the credible set, 95 %", int(slipped.credible.max())
+    nowhere, about = slipped.nowhere, "Probability of being nowhere"
+    curves = rrb.Horizontal(
+        curve(stream, "belief/credible", title, slipped.credible, most),
+        curve(stream, "belief/nowhere", about, nowhere, 1.0, color=CATEGORIES["pink"]),
+        log_bumps(stream, slipped.observations),
+    )
+    views = rrb.Vertical(seen, curves, row_shares=[7, 3])
     legend, text = scale.legend(shown=[]), _text(slipped, spec)
     tabs = [log_tab(stream, "", "Belief", views, text, legend, shares=(3, 2), rows=(3, 1))]
     if len(slipped.smoothed):
@@ -48,17 +55,6 @@ def _log_likeliest(map: CellMap, slipped: Slipped) -> None:
     origins, vectors = arrows(cells, where)
     send_changing(stream, "map/belief", rr.Arrows2D, known, origins=origins, vectors=vectors)
     log_belief_style(stream, cells)
-
-
-def _curves(stream: rr.RecordingStream, slipped: Slipped) -> rrb.Container:
-    credible, nowhere = slipped.credible, slipped.nowhere
-    title, most = "Cells of the credible set, 95 %", int(credible.max())
-    pink = CATEGORIES["pink"]
-    return rrb.Horizontal(
-        curve(stream, "belief/credible", title, credible, most),
-        curve(stream, "belief/nowhere", "Probability of being nowhere", nowhere, 1.0, color=pink),
-        log_bumps(stream, slipped.observations),
-    )
 
 
 def _turning(slipped: Slipped) -> str:

@@ -18,7 +18,9 @@ import shapely
 from jaxtyping import Float, Int, Integer, UInt8
 
 from ...space import CellSpace
-from ...space.occupancy import rasterise
+from ...space.cells import along_grid, free_space_in_cells
+from ...space.occupancy import in_squares, rasterise
+from ...space.workspace import edges
 from .marks import log_lines, points
 from .palette import CLEAR, FREE, MARGIN, OBSTACLE, WALL, Color, PictureClass
 from .stream import Dated, plane, send_changing, time_columns
@@ -200,11 +202,8 @@ class CellMap:
         cells = self.cells
         if cells.workspace is None:
             return False
-        strips = [(one - np.array(cells.origin)) / cells.cell for one in _walls(cells)]
-        aligned = all(np.allclose(one, np.rint(one), rtol=0, atol=1e-6) for one in strips)
-        # Along an edge that is parallel to an axis, one coordinate is constant.
-        upright = all((np.abs(np.diff(one, axis=0)).min(axis=1) < 1e-6).all() for one in strips)
-        return not (aligned and upright)
+        walls = edges(cells.workspace.environment)[:, 1:]
+        return not along_grid(in_squares(walls, cells.origin, cells.cell))
 
     @functools.cached_property
     def _squares(self) -> UInt8[np.ndarray, "rows columns"]:
@@ -215,13 +214,8 @@ class CellMap:
             # The picture `map/beyond` covers the parts in obstacles.
             squares[squares == 0] = 2
         elif cells.workspace is not None and cells.workspace.robot_radius > 0:
-            row, column = np.nonzero(~cells.free)
-            x = cells.origin[0] + (column + 0.5) * cells.cell
-            y = cells.origin[1] + (row + 0.5) * cells.cell
-            environment = cells.workspace.environment
-            shapely.prepare(environment)
-            inside = shapely.intersects_xy(environment, x, y)
-            squares[row[inside], column[inside]] = 2
+            beyond = rasterise(cells.workspace.environment, self.bounds, cells.cell)
+            squares[~cells.free & ~beyond] = 2
         return squares
 
     def _beyond(self) -> tuple[float, UInt8[np.ndarray, "rows columns"]]:
@@ -318,14 +312,10 @@ def _stretch(cells: CellSpace, side: float) -> rr.Transform3D:
 
 
 def _walls(cells: CellSpace) -> list[Float[np.ndarray, "points 2"]]:
-    """Return the outlines of the environment or, if it is unknown, the edges of free squares."""
+    """Return the outlines of the environment or, if it is unknown, those of the free squares."""
     if cells.workspace is not None:
-        rings = shapely.get_rings(shapely.get_parts(cells.workspace.environment))
-        return [shapely.get_coordinates(ring) for ring in rings]
-    padded = np.pad(cells.free, 1)
-    row, column = np.nonzero(padded[1:, 1:-1] != padded[:-1, 1:-1])
-    level = np.stack([column, row, column + 1, row], axis=-1)
-    row, column = np.nonzero(padded[1:-1, 1:] != padded[1:-1, :-1])
-    upright = np.stack([column, row, column, row + 1], axis=-1)
-    ends = np.concatenate([level, upright]).reshape(-1, 2, 2)
-    return list(np.array(cells.origin) + ends * cells.cell)
+        area, corner, scale = cells.workspace.environment, np.zeros(2), 1.0
+    else:
+        area, corner, scale = free_space_in_cells(cells), np.array(cells.origin), cells.cell
+    rings = shapely.get_rings(shapely.get_parts(area))
+    return [corner + scale * shapely.get_coordinates(ring) for ring in rings]

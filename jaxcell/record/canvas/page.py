@@ -1,5 +1,6 @@
 """A tab of a recording: its views, a legend of their colours, and a text."""
 
+import itertools
 import math
 import re
 from collections.abc import Sequence
@@ -8,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, Int
 
 from .marks import LABEL
 from .palette import CLEAR, OBSTACLE, Color, Level
@@ -97,13 +98,13 @@ def log_legends(
     index = []
     if timeline is not None and times is not None:
         index = [rr.TimeColumn(timeline, sequence=times)]
-    lengths = [len(legend) for legend in legends]
     drawn = [_swatches(legend) for legend in legends]
-    ends, colors, radii = (np.concatenate(one) for one in zip(*drawn, strict=True))
+    at, shades, radii = (np.array(one) for one in zip(*itertools.chain(*drawn), strict=True))
+    ends = np.stack(np.broadcast_arrays(0.0, at, 0.5, at), axis=1).reshape(-1, 2, 2)
+    colors = shades.round().astype(np.uint8)
     swatch = rr.LineStrips2D.columns(strips=ends, colors=colors, radii=radii)
-    stream.send_columns(
-        f"{path}/swatch", index, swatch.partition([len(one) for one, _, _ in drawn])
-    )
+    stream.send_columns(f"{path}/swatch", index, swatch.partition([*map(len, drawn)]))
+    lengths = [len(legend) for legend in legends]
     labels = [label for legend in legends for label, _ in legend]
     # The viewer centres a label under its point. The width of a label does not depend on the scale.
     unit = min(_MAX_UNIT, _HEIGHT / (max(lengths) + 0.6))
@@ -113,32 +114,26 @@ def log_legends(
     stream.send_columns(f"{path}/text", index, text.partition(lengths))
 
 
-def _swatches(
-    legend: Legend,
-) -> tuple[
-    Float[np.ndarray, "lines 2 2"], UInt8[np.ndarray, "lines 4"], Float[np.ndarray, "lines"]
-]:
-    """Return the ends, colours and radii of the lines that are the swatches of a legend.
+def _swatches(legend: Legend) -> list[tuple[float, Float[np.ndarray, "4"], float]]:
+    """Return the row, colour and radius of each line in the swatches of a legend.
 
     The swatch of a colour is one line, and that of a level several lines of gradual shades.
     """
     # Transparent colours get the colour of the ground, because they would be drawn black.
     shown = [OBSTACLE if one == CLEAR else one for _, one in legend]
     color = np.array([(*one, 255)[:4] for one in shown], float)
-    is_level = np.array([isinstance(one, Level) for one in legend])
-    lines: list[tuple[float, np.ndarray, float]] = []
+    levels = {row for row, one in enumerate(legend) if isinstance(one, Level)}
+    lines = []
     for row in range(len(legend)):
-        if not is_level[row]:
-            lines.append((row, color[row], 0.32))
+        if row not in levels:
+            lines.append((float(row), color[row], 0.32))
             continue
-        for away in (np.arange(_STRIPES) + 0.5) / _STRIPES - 0.5:
-            other = row + int(np.sign(away))
-            other = other if 0 <= other < len(legend) and is_level[other] else row
+        for away in ((np.arange(_STRIPES) + 0.5) / _STRIPES - 0.5).tolist():
+            other = row + (1 if away > 0 else -1)
+            other = other if other in levels else row
             shade = color[row] + abs(away) * (color[other] - color[row])
             lines.append((row + away, shade, 0.6 / _STRIPES))
-    at, shades, radii = (np.array(one, float) for one in zip(*lines, strict=True))
-    ends = np.stack([np.zeros_like(at), at, np.full_like(at, 0.5), at], axis=1).reshape(-1, 2, 2)
-    return ends, shades.round().astype(np.uint8), radii
+    return lines
 
 
 def _legend_view(path: str, rows: int) -> rrb.Spatial2DView:

@@ -33,7 +33,11 @@ def log_distribution(
     scale = density()
     views: list[rrb.View] = []
     for map in maps:
-        kept, times = _pushed(map, steps, every)
+        chain = as_sequence(drift.layers[map.number].behaviour.chain)
+        share = np.full(map.water.cells, 1 / map.water.cells)
+        shares = itertools.islice(chain.pushed(share, steps), 0, None, every)
+        kept = np.stack([levels(share) for share in shares])
+        times = np.rint(np.arange(len(kept)) * every * drift.step / clock.seconds).astype(np.int64)
         picture = map.picture(f"distribution_{map.number}", scale.classes, kept, times=times)
         views.append(map.view(map.title, [picture]))
     text = f"""# Where drifters come to be
@@ -58,13 +62,3 @@ def levels(share: np.ndarray) -> np.ndarray:
     """Convert each cell's share of all drifters to the index of its colour on [`density`][]."""
     times = share * share.shape[-1]
     return density().levels(times, {_HARDLY: times < _LEAST})
-
-
-def _pushed(map: SeaMap, steps: int, every: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the classes of cells once per `every` steps, up to `steps` steps, and the times."""
-    chain = as_sequence(map.drift.layers[map.number].behaviour.chain)
-    share = np.full(map.water.cells, 1 / map.water.cells)
-    shares = itertools.islice(chain.pushed(share, steps), 0, None, every)
-    kept = np.stack([levels(share) for share in shares])
-    seconds = np.arange(len(kept)) * every * map.drift.step
-    return kept, np.rint(seconds / map.clock.seconds).astype(np.int64)

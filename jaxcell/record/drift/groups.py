@@ -34,7 +34,13 @@ def log_groups(maps: Sequence[SeaMap], text: str) -> rrb.Container:
         layer, number = drift.layers[map.number], map.number
         kind, classes = group_classes(layer, ranks[number])
         picture = map.picture(f"groups_{number}", classes, kind)
-        _log_numbers(map, layer, ranks[number])
+        # Each large group gets a label with its rank, if it has a colour of its own.
+        shown = np.argsort(ranks[number])[: (ranks[number] < len(HOMES)).sum()]
+        large = shown[layer.groups_cells[shown] >= _MIN_LABELLED * layer.cells].tolist()
+        rank = {k: int(ranks[number][k]) for k in large}
+        labels = [(f"group {rank[k]}", *map.middle(layer.group == k)) for k in large]
+        grounds = [home_color(rank[k]) for k in large]
+        log_labels(map.stream, f"map/numbers_{number}", labels, grounds)
         title = f"{map.title}: {counted(layer.persistent_groups, 'persistent group')}"
         if isinstance(layer, Layer):
             title += (
@@ -90,15 +96,6 @@ def _transient_class(homes: tuple[int, ...], rank: Int[np.ndarray, "groups"]) ->
     named += [str(one) for one in sorted(int(rank[home]) for home in homes if home >= 0)[:8]]
     more = ", ..." if len(homes) > 8 else ""
     return PictureClass(f"may end in groups {', '.join(named)}{more}", _SEVERAL)
-
-
-def _log_numbers(map: SeaMap, layer: LayerEnds, rank: Int[np.ndarray, "groups"]) -> None:
-    """Label each large group with its rank, if it has a colour of its own."""
-    shown = np.argsort(rank)[: (rank < len(HOMES)).sum()]
-    shown = shown[layer.groups_cells[shown] >= _MIN_LABELLED * layer.cells]
-    labels = [(f"group {rank[k]}", *map.middle(layer.group == k)) for k in shown]
-    grounds = [home_color(int(rank[k])) for k in shown]
-    log_labels(map.stream, f"map/numbers_{map.number}", labels, grounds)
 
 
 def _legend(layers: Sequence[LayerEnds], most: int) -> list[tuple[str, Color]]:

@@ -104,7 +104,10 @@ def plot(
     elif len(dims) == 1 or min(array.shape) <= _LINES:
         _draw_curves(ax, owner, drawn, options)
     else:
-        _draw_image(ax, drawn, options)
+        layout = {"aspect": "auto", "origin": "lower", "interpolation": "nearest"}
+        drawn.show(ax, lambda values, style: ax.imshow(values, **(layout | style | options)))
+        ax.set_xlabel(dims[1].replace("_", " "))
+        ax.set_ylabel(dims[0].replace("_", " "))
     ax.set_title(", ".join([about.meaning, *chosen]), wrap=True)
     return ax
 
@@ -197,10 +200,3 @@ def _coordinate(result: Pictured, dim: str, size: int) -> tuple[list[Any], str]:
             units = "" if about.units in (None, "1", about.meaning) else f" ({about.units})"
             return np.asarray(values).tolist(), f"{about.meaning}{units}"
     return list(range(size)), dim.replace("_", " ")
-
-
-def _draw_image(ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
-    layout = {"aspect": "auto", "origin": "lower", "interpolation": "nearest"}
-    drawn.show(ax, lambda values, style: ax.imshow(values, **(layout | style | options)))
-    ax.set_xlabel(drawn.dims[1].replace("_", " "))
-    ax.set_ylabel(drawn.dims[0].replace("_", " "))
