@@ -21,7 +21,7 @@ def waits(routes, target, moments, laps=3):
 
 
 def can_be_visited(near, robots, longest):
-    """Whether robots on a graph can visit each vertex at least every `longest` steps for ever.
+    """Check whether robots can visit each vertex at least every `longest` steps forever.
 
     The states are the vertices of the robots, and the steps since the last visit to each vertex; a
     search seeks a cycle of states.

@@ -38,6 +38,7 @@ from jaxcell.sweep.study_task import study_task
 
 
 LAB = "@lab_a --collision endpoint"
+GAMES = Path(__file__).parent / "games"
 SEA = "@gyres --bounds -118.1 33.44 -118 33.54 --duration 3400"
 CASES = {
     "cover": "@lab_a --directions 8 --bounce 45 135 --errors turn=45 --reliability 0.8",
@@ -60,6 +61,7 @@ CASES = {
     "patrol graph toward": "@eight --strategy toward --vertex 3 --paths 2",
     "patrol graph in parts": "@eight --robots 2 --division partition --speed 0.5 --baselines",
     "patrol graph at a charger": "@eight --charger 2 --every 6",
+    "patrol evaluate": f"{GAMES}/game.json {GAMES}/patrol.json",
     "patrol map": "@lab_a --range 3 --attack-times 4 9 --runs 50",
     "patrol map at a base": "@lab_a --range 3 --attack-times 4 --runs 50 --base auto",
     "plans": "@lab_a --bounce 45 135",

@@ -11,9 +11,9 @@ succeeds. From the times `g` between visits in a period `T`, and the attack time
 
     e = sum over g of max(0, g - a) / T
 
-Nobody escapes if the longest time between visits is at most `a`, whatever he knows. Robots whose
-periods have no common multiple meet in all phases; then exposures multiply, and the longest time
-is the least of theirs.
+No adversary escapes if the longest time between visits is at most `a`, whatever he knows. Robots
+whose periods have no common multiple meet in all phases; then exposures multiply, and the longest
+time is the least of theirs.
 
 `best_rounds` searches for `Rounds` with the least risk, which is exposure times value: one closed
 tour with evenly spaced robots, or several tours of some targets each, with some of the robots; if

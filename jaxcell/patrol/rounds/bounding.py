@@ -16,7 +16,7 @@ _LITTLE = 1e-12
 
 
 class Bound(NamedTuple):
-    """What no patrol of the robots of a game exceeds, against any adversary."""
+    """Limits of all patrols by the robots of a game, against any adversary."""
 
     between: float
     "The longest time between visits to the target that is visited least is at least this long."

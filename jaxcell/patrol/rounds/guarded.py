@@ -155,12 +155,12 @@ class Guarded(Result):
         game, longest = self.game, self.longest_between
         if not math.isfinite(longest):
             missed = game.names_of_targets[int(np.argmax(self.evaluation.longest))]
-            return f"Nobody ever visits `{missed}`."
+            return f"No guard ever visits `{missed}`."
         if self.safe and np.ptp(game.attack):
-            return "Nobody escapes: each target is visited before an attack on it is over."
-        needed = f"Nobody who needs {self._time(longest, up=True)} escapes"
+            return "No intruder escapes: each target is visited before an attack on it is over."
+        needed = f"No intruder who needs {self._time(longest, up=True)} escapes"
         if self.safe:
-            needed = f"Nobody who needs {self._time(game.attack[0])} escapes"
+            needed = f"No intruder who needs {self._time(game.attack[0])} escapes"
         return (
             f"{needed}, whatever they see: every target is visited at least every "
             f"{self._time(longest, up=True)}."

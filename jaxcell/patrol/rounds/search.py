@@ -73,7 +73,7 @@ def best_rounds(game: Game) -> Rounds:
         >>> from jaxcell import patrol
         >>> cycle = patrol.Graph([(i, (i + 1) % 6) for i in range(6)])
         >>> found = patrol.rounds.best_rounds(patrol.rounds.Game.of(cycle, 3.0, robots=2))
-        >>> found.robots, found.evaluation.longest.max()
+        >>> found.robots, found.evaluation.longest.max().item()
         ((2,), 3.0)
     """
     found = min(_candidates(game), key=lambda rounds: rounds.rank)

@@ -40,8 +40,16 @@ def tours(guarded: "Guarded") -> list[list[int]]:
 def save_rounds(guarded: "Guarded", path: str | os.PathLike[str]) -> None:
     """Write a PNG picture of rounds: a colour per tour, targets, and the guards at the start.
 
-    A target is larger and pink if attacks on it can succeed. **Raises:** `ModuleNotFoundError`
+    A target is pink if attacks on it can succeed at some moments.
+
+    **Arguments:** the guards, and the file to write or replace. **Raises:** `ModuleNotFoundError`
     without matplotlib, which `jaxcell[plot]` installs.
+
+    Two guards of eight vertices:
+
+        >>> from jaxcell import examples, record, study
+        >>> guarded = study.PatrolGuard("@eight", robots=2, attack_time=6.0).run()
+        >>> record.save_rounds(guarded, examples.folder() / "rounds.png")
     """
     from pathlib import Path
 

@@ -36,7 +36,7 @@ class _Rounds(Study):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PatrolGuard(_Rounds):
-    """Guard targets by rounds with a shared clock, so that nobody escapes or as few as possible."""
+    """Guard targets by rounds with a shared clock, so that the fewest attacks succeed."""
 
     name: ClassVar[str] = "guard"
     command: ClassVar[str] = "patrol guard"
@@ -62,8 +62,8 @@ class PatrolGuard(_Rounds):
     values: Path | None = None
     """File with a line "vertex value" for each target; by default all values are 1."""
     adversary: Literal["blind", "watcher"] | None = None
-    """What an adversary knows: he comes at a random time (blind, the default), or sees the guards
-    and chooses the moment (watcher)."""
+    """Knowledge of the adversary: he comes at a random time (blind, the default), or he sees the
+    guards and chooses the moment (watcher)."""
     hours: _Hours = 8.0
     """Hours in schedule.csv, which --out writes; of 60 steps each, without --speed."""
 

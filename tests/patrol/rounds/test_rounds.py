@@ -57,7 +57,7 @@ def test_two_guards_of_14_rooms_need_90_seconds():
         found.evaluation.exposure, [(wait > 90).mean() for wait in own], atol=1e-3
     )
     answer = Guarded.of(game, found.routes).answer
-    assert answer[0].startswith("Nobody who needs 90.3 s escapes")
+    assert answer[0].startswith("No intruder who needs 90.3 s escapes")
     assert "can succeed for 0.292 s of each round" in answer[1]
     longer = Game.of(floor(), 95.0, robots=2, speed=1.2)
     assert Guarded.of(longer, found.routes).watched_capture == 1
@@ -70,7 +70,7 @@ def test_one_guard_of_three_rooms_lets_nobody_escape():
     assert found.evaluation.longest.max() == pytest.approx(86.2 / 1.2)
     assert bound(game).between == pytest.approx(86.2 / 1.2)
     answer = Guarded.of(game, found.routes, bound=bound(game)).answer
-    assert answer[0].startswith("Nobody who needs 90 s escapes, whatever they see")
+    assert answer[0].startswith("No intruder who needs 90 s escapes, whatever they see")
     assert answer[1] == "No patrol by one guard has a shorter longest time between visits."
 
 
@@ -141,7 +141,7 @@ def test_waiting_robot_guards_its_vertex():
     found = evaluate(game, [waiting])
     assert found.longest.tolist() == [2.0, 7.0, math.inf]
     np.testing.assert_allclose(found.exposure, [0, 5 / 7, 1])
-    assert Guarded.of(game, [waiting]).answer[0] == "Nobody ever visits `2`."
+    assert Guarded.of(game, [waiting]).answer[0] == "No guard ever visits `2`."
 
 
 @pytest.mark.parametrize("seed", range(4))
