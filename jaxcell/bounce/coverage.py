@@ -10,16 +10,16 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, Float, Int
 
-from ..base.certificate import Certificate, Real
+from ..base.certificate import Certificate, Real, Whole
 from ..base.divided import put_on_device
 from ..base.precision import require_x64
 from ..base.quantities import PROBABILITY, Checks, Result, derived, from_part, quantity
-from ..base.wide import namespace
+from ..base.wide import as_number, namespace, traced
 from ..mapping import PersistentGroups, persistent_groups
 from ..markov import LimitingDistribution, limiting_distribution
 from ..optimize import mixture
 from ..space import CELL_BY_CELL, CellSpace, Motion, estimates
-from .dynamics import Bounces, moves as moves_of
+from .dynamics import Bounces, bounce_shift, moves as moves_of
 from .groups import padded
 from .noisy_map import noisy_chain, noisy_turns
 
@@ -74,20 +74,20 @@ class CoveragePolicy(Result):
         return (f"The best robot bounces {', '.join(used)} of the time.",)
 
     @derived("", "time spent elsewhere than wanted", kind="share")
-    def total_variation(self) -> float:
-        return float(jnp.abs(self.mixture - self.target).sum() / 2)
+    def total_variation(self) -> Real:
+        return as_number(jnp.abs(self.mixture - self.target).sum() / 2)
 
     @derived("", "positions visited in the long run", kind="count")
-    def positions_visited(self) -> int:
-        return int((np.asarray(self.mixture) > 0).sum())
+    def positions_visited(self) -> Whole:
+        return as_number((self.mixture > 0).sum())
 
     @derived("", "bouncing angles with a share of time", kind="count")
-    def angles_used(self) -> int:
-        return int((np.asarray(self.alpha) > 0).sum())
+    def angles_used(self) -> Whole:
+        return as_number((self.alpha > 0).sum())
 
     @derived("", "persistent groups of all angles", kind="count")
-    def groups_in_all(self) -> int:
-        return sum(int(one.count) for one in self.groups)
+    def groups_in_all(self) -> Whole:
+        return sum(one.count for one in self.groups)
 
     duality_gap = from_part("certificate.residual", "", "duality gap, relative", kind="residual")
 
@@ -161,7 +161,7 @@ class CoveragePolicy(Result):
 
 def coverage_policy(
     cells: CellSpace,
-    bounces: Sequence[float] | Float[np.ndarray, "angles"],
+    bounces: Sequence[float] | Float[np.ndarray, "angles"] | Float[Array, "angles"],
     error: float,
     reliability: float | Array,
     target: Target = None,
@@ -183,8 +183,8 @@ def coverage_policy(
         random start (`"basin"`), or its share of the persistent cells (`"size"`).
     - `progress`: a function that is called with the number of finished angles.
 
-    **Returns:** [`CoveragePolicy`][]: the mixture, and the coverage of each angle. The reliability
-    may be traced by `jit`, `vmap` and `grad`; the angles and the target are fixed.
+    **Returns:** [`CoveragePolicy`][]: the mixture, and the coverage of each angle. The
+    reliability may be traced by `jit`, `vmap` and `grad`, and the angles by `jit` and `vmap`.
 
     **Raises:** `RuntimeError` if a solver does not converge, or if JAX uses 32 bits.
 
@@ -199,16 +199,9 @@ def coverage_policy(
         [0.25, 0.25, 0.25, 0.25]
     """
     require_x64("coverage_policy")
-    turns = [noisy_turns(float(b), error, reliability, cells.directions) for b in bounces]
-    if not turns:
-        raise ValueError("bounces: expected at least one angle, got none")
-    shifts = [int(turn[0]) for turn, _ in turns]
-    for i, shift in enumerate(shifts):
-        if shift in shifts[:i]:
-            raise ValueError(
-                f"bounces: {math.degrees(bounces[i]):g} deg comes twice, as angles {i} and "
-                f"{shifts.index(shift)}"
-            )
+    if not traced(bounces):
+        check_different(bounces, cells.directions)
+    turns = [noisy_turns(b, error, reliability, cells.directions) for b in bounces]
     wanted = coverage_target(cells, target)
     needed = functools.partial(estimates.coverage, angles=len(turns), branches=len(turns[0][0]))
     estimates.check_cells(cells, motion, needed, "coverage")
@@ -226,7 +219,7 @@ def coverage_policy(
     best = mixture(each.T, wanted)
     return CoveragePolicy(
         cells=cells,
-        bounce=np.asarray(bounces, float),
+        bounce=namespace(bounces).asarray(bounces, float),
         alpha=best.weights,
         coverage=each,
         mixture=best.value,
@@ -236,6 +229,19 @@ def coverage_policy(
         groups=tuple(groups),
         limiting=tuple(limiting),
     )
+
+
+def check_different(bounces: Any, directions: int) -> None:
+    """Raise `ValueError` unless there are bouncing angles, which are different directions."""
+    shifts = [int(bounce_shift(float(one), directions)) for one in bounces]
+    if not shifts:
+        raise ValueError("bounces: expected at least one angle, got none")
+    for i, shift in enumerate(shifts):
+        if shift in shifts[:i]:
+            raise ValueError(
+                f"bounces: {math.degrees(bounces[i]):g} deg comes twice, as angles {i} and "
+                f"{shifts.index(shift)}"
+            )
 
 
 def coverage_target(cells: CellSpace, target: Target = None) -> Float[Any, "positions"]:

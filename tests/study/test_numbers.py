@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from jaxcell import bundled
-from jaxcell.study import Groups, Rooms
-from jaxcell.sweep.study_task import study_task
+from jaxcell.bounce import noisy_bounce_map
+from jaxcell.study import Cover, Groups, Rooms
+from jaxcell.sweep.study_task import read_study, study_task
 
 
 def alone(study, columns):
@@ -47,6 +48,57 @@ def test_groups():
         assert {name: column[i] for name, (_, column) in numbers.items()} == {
             name: getattr(result, name)[0] for name in numbers
         }
+
+
+COVER = {"map": str(bundled("lab_a")), "directions": 8, "bounce": [45, 90, 135]}
+
+
+@pytest.mark.parametrize(
+    "batch",
+    [
+        {"reliability": np.tile([0.6, 0.8, 1.0], 2), "errors_turn": np.repeat([45, 90], 3)},
+        # Each angle has several reliabilities; a sure turn has other possible steps.
+        {"bounce": np.array([45, 90, 45, 45]), "reliability": np.array([0.9, 0.7, 0.8, 1.0])},
+    ],
+    ids=["product", "scattered"],
+)
+@pytest.mark.parametrize("weights", ["basin", "size"])
+def test_cover(batch, weights):
+    fixed = {**COVER, "weights": weights, "errors_turn": 45}
+    table = study_task(Cover, batch, {k: v for k, v in fixed.items() if k not in batch}, 0)
+    assert set(table) >= {"distance", "total_variation", "angles_used", "duality_gap"}
+    for i in range(len(batch["reliability"])):
+        one = {name: column[i].item() for name, column in batch.items()}
+        result = read_study(Cover, {**fixed, **one}).run()
+        for name, column in table.items():
+            assert column[i] == pytest.approx(getattr(result, name), rel=1e-10, abs=1e-12)
+
+
+def test_cover_agrees_with_powers_of_dense_matrices():
+    study = read_study(Cover, {**COVER, "bounce": 90, "errors_turn": 45, "reliability": 0.8})
+    reliability = np.array([0.5, 0.75, 0.9])
+    distance = study.numbers({"reliability": reliability})["distance"][1]
+    cells = study.cells()
+    for one, found in zip(reliability.tolist(), distance, strict=True):
+        chain = noisy_bounce_map(cells, np.pi / 2, np.pi / 4, one)
+        steps = (chain.to_scipy().toarray() + np.eye(cells.size)) / 2
+        share = np.linalg.matrix_power(steps, 2**20).mean(axis=0).reshape(8, -1).sum(axis=0)
+        assert found == pytest.approx(np.linalg.norm(share - 1 / share.size), rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("fixed", "message"),
+    [
+        ({"errors_turn": 0}, r"reliability: 0.8 leaves a chance of an error"),
+        ({"errors_turn": 30}, r"errors: 30 deg is not a whole number of the 8 directions"),
+        ({"bounce": [50]}, r"bounce: 50 deg is not a whole number of the 8 directions"),
+        ({"bounce": [45, 405]}, r"bounce: 405 deg comes twice"),
+    ],
+)
+def test_wrong_parameter_of_a_batch_raises_the_error_of_a_single_run(fixed, message):
+    batch = {"reliability": np.array([1.0, 0.8])}
+    with pytest.raises(ValueError, match=message):
+        study_task(Cover, batch, {**COVER, "errors_turn": 45, **fixed}, 0)
 
 
 def test_only_wanted_numbers_are_computed(monkeypatch):

@@ -1,14 +1,20 @@
 import dataclasses
+import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from ... import bounce as bouncing, space, verify as verification
+from ..batches import Numbers, Program, compiled, numbers_of
 from ..errors import ErrorTexts, read_errors
 from ..map_study import MapStudy
 from ..parameters import Angles, AtLeastOne, Limit
-from ..study import Say, radians, renamed, silent
+from ..study import Say, Wanted, every, radians, renamed, silent
+
+
+if TYPE_CHECKING:
+    import numpy as np
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -19,6 +25,7 @@ class Cover(MapStudy):
     command: ClassVar[str] = "cover"
     example: ClassVar[str] = "@complex --bounce 30 75 315 --errors turn=5deg --reliability 0.8"
     task: ClassVar[str] = "cover"
+    varied: ClassVar[tuple[str, ...]] = ("reliability",)
 
     bounce: Angles
     """Bouncing angles in degrees, counter-clockwise."""
@@ -56,33 +63,68 @@ class Cover(MapStudy):
         return space.estimates.coverage(extent, self.motion, angles=angles, branches=branches)
 
     def run(self, say: Say = silent) -> "bouncing.CoveragePolicy":
-        from .target import read_target
-
         cells = self.cells()
         count = len(self.bounce)
         doing = (
             f"covering {cells.positions:,} positions by {count} angles, {cells.size:,} cells each"
         )
         say(doing)
-        check_target(self.target)
-        target = read_target(cells, self.target)
         with renamed(bounces="bounce", error="errors"):
             return bouncing.coverage_policy(
                 cells,
                 radians(self.bounce),
-                math.radians(self.error),
-                self.reliability,
-                target,
-                weights=self.weights,
-                motion=self.motion,
+                reliability=self.reliability,
                 progress=lambda done: say(doing, done, count),
+                **self._options(cells),
             )
+
+    def _options(self, cells: "space.CellSpace") -> dict[str, Any]:
+        """Return the arguments of `coverage_policy` that the members of a batch share."""
+        from .target import read_target
+
+        check_target(self.target)
+        return {
+            "error": math.radians(self.error),
+            "target": read_target(cells, self.target),
+            "weights": self.weights,
+            "motion": self.motion,
+        }
+
+    def numbers(self, columns: "Mapping[str, np.ndarray]", wanted: Wanted = every) -> Numbers:
+        from ...bounce.coverage import check_different
+
+        if not columns:
+            return super().numbers(columns, wanted)
+        cells = self.cells()
+        options = self._options(cells)
+        shared = radians(self.bounce), options.pop("target")
+
+        def program(names: tuple[str, ...]) -> Program:
+            return functools.partial(_program(cells, names, **options), *shared)
+
+        def alone(**own: Any) -> "bouncing.CoveragePolicy":
+            return dataclasses.replace(self, **own).run()
+
+        with renamed(bounces="bounce", error="errors"):
+            # The angles of a program have no values, which could be wrong.
+            check_different(shared[0], cells.directions)
+            return numbers_of(bouncing.CoveragePolicy, program, alone, columns, wanted)
 
     def verify(self, result: Any) -> "Sequence[verification.Comparison]":
         error = math.radians(self.error)
         return verification.compare_coverage(
             result, error, self.reliability, weights=self.weights, motion=self.motion
         )
+
+
+@functools.lru_cache(maxsize=16)
+def _program(cells: "space.CellSpace", names: tuple[str, ...], **options: Any) -> Program:
+    def policy(bounces: Any, target: Any, reliability: Any) -> "bouncing.CoveragePolicy":
+        return bouncing.coverage_policy(
+            cells, bounces, target=target, reliability=reliability, **options
+        )
+
+    return compiled(policy, names)
 
 
 def check_target(text: str) -> None:
