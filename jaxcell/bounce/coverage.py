@@ -8,15 +8,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
-from ..base.certificate import Certificate, Real, Whole
+from ..base.certificate import Certificate, Real, Solution, Whole
 from ..base.divided import put_on_device
 from ..base.precision import require_x64
 from ..base.quantities import PROBABILITY, Checks, Result, derived, from_part, quantity
 from ..base.wide import as_number, namespace, traced
 from ..mapping import PersistentGroups, persistent_groups
-from ..markov import LimitingDistribution, limiting_distribution
+from ..markov import LimitingDistribution, hitting_times, limiting_distribution
 from ..optimize import mixture
 from ..space import CELL_BY_CELL, CellSpace, Motion, estimates
 from .dynamics import Bounces, bounce_shift, moves as moves_of
@@ -27,7 +27,7 @@ from .noisy_map import noisy_chain, noisy_turns
 Target: TypeAlias = npt.ArrayLike | Callable[[Any, Any], Any] | None
 
 
-_ARRAYS = "bounce alpha coverage mixture target distance certificate groups limiting"
+_ARRAYS = "bounce alpha coverage mixture target distance certificate groups limiting goal arrival"
 
 
 @functools.partial(
@@ -66,6 +66,10 @@ class CoveragePolicy(Result):
     "The persistent groups of each angle."
     limiting: tuple[LimitingDistribution, ...]
     "The limiting distribution of each angle over all cells, with its certificate."
+    goal: Bool[np.ndarray | Array, "positions"] | None = None
+    "The positions of the goal, or `None`."
+    arrival: tuple[Solution, ...] = ()
+    "The expected steps of each angle from all cells to the goal; empty without a goal."
 
     @property
     def answer(self) -> tuple[str, ...]:
@@ -89,6 +93,20 @@ class CoveragePolicy(Result):
     def groups_in_all(self) -> Whole:
         return sum(one.count for one in self.groups)
 
+    @derived("", "share of time of the mixture in the goal", "1", kind="share")
+    def goal_share(self) -> Real | None:
+        if self.goal is None:
+            return None
+        return as_number(jnp.where(self.goal, self.mixture, 0.0).sum())
+
+    @derived("", "mean steps to the goal if each robot keeps its angle", "mappings", kind="time")
+    def goal_time(self) -> Real | None:
+        """The mean over random starts and over angles, which have their shares of time."""
+        if self.goal is None:
+            return None
+        each = jnp.stack([one.value.mean() for one in self.arrival])
+        return as_number(jnp.where(self.alpha > 0, self.alpha * each, 0.0).sum())
+
     duality_gap = from_part("certificate.residual", "", "duality gap, relative", kind="residual")
 
     @derived("bounce", "bouncing angle", "degree", kind="coordinate")
@@ -106,6 +124,10 @@ class CoveragePolicy(Result):
     @derived("bounce", "positions visited by one angle alone", kind="count")
     def positions_alone(self) -> Int[np.ndarray, "angles"]:
         return (np.asarray(self.coverage) > 0).sum(axis=1)
+
+    @derived("bounce", "mean steps from a random start to the goal", "mappings", kind="time")
+    def steps_to_goal(self) -> Float[np.ndarray, "angles"] | None:
+        return np.array([one.value.mean() for one in self.arrival]) if self.arrival else None
 
     @derived("bounce", "change of the limiting distribution by a step", kind="residual")
     def stationarity_residual(self) -> Float[np.ndarray, "angles"]:
@@ -168,6 +190,7 @@ def coverage_policy(
     *,
     weights: Literal["basin", "size"] = "basin",
     motion: Motion = CELL_BY_CELL,
+    goal: Bool[np.ndarray | Array, "positions"] | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> CoveragePolicy:
     """Find the mixture of bouncing angles whose coverage is nearest to a target (Alg. 3.3).
@@ -181,6 +204,7 @@ def coverage_policy(
     - `error`, `reliability`, `target`: as for [`noisy_bounce_map`][] and [`coverage_target`][].
     - `weights`: the weight of a persistent group, which is the probability of ending in it from a
         random start (`"basin"`), or its share of the persistent cells (`"size"`).
+    - `goal`: a mask of positions, by default none; the policy then has the expected steps to them.
     - `progress`: a function that is called with the number of finished angles.
 
     **Returns:** [`CoveragePolicy`][]: the mixture, and the coverage of each angle. The
@@ -206,13 +230,16 @@ def coverage_policy(
     needed = functools.partial(estimates.coverage, angles=len(turns), branches=len(turns[0][0]))
     estimates.check_cells(cells, motion, needed, "coverage")
     possible = moves_of(cells, motion=motion)
-    groups, limiting, coverage = [], [], []
+    groups, limiting, coverage, arrival = [], [], [], []
+    there = None if goal is None else namespace(goal).tile(goal, cells.directions)
     for turn, probability in turns:
         chain = noisy_chain(possible, turn, probability)
         groups.append(persistent_groups(chain))
         limiting.append(limiting_distribution(chain, groups[-1], weights))
         value = limiting[-1].value.reshape(cells.directions, cells.positions)
         coverage.append(value.sum(axis=0))
+        if there is not None:
+            arrival.append(hitting_times(chain, there))
         if progress is not None:
             progress(len(coverage))
     each = jnp.stack(coverage)
@@ -228,6 +255,8 @@ def coverage_policy(
         certificate=best.certificate,
         groups=tuple(groups),
         limiting=tuple(limiting),
+        goal=goal,
+        arrival=tuple(arrival),
     )
 
 

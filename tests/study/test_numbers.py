@@ -64,9 +64,9 @@ COVER = {"map": str(bundled("lab_a")), "directions": 8, "bounce": [45, 90, 135]}
 )
 @pytest.mark.parametrize("weights", ["basin", "size"])
 def test_cover(batch, weights):
-    fixed = {**COVER, "weights": weights, "errors_turn": 45}
+    fixed = {**COVER, "weights": weights, "errors_turn": 45, "goal": "7.5,1.5,1.2"}
     table = study_task(Cover, batch, {k: v for k, v in fixed.items() if k not in batch}, 0)
-    assert set(table) >= {"distance", "total_variation", "angles_used", "duality_gap"}
+    assert set(table) >= {"distance", "angles_used", "duality_gap", "goal_share", "goal_time"}
     for i in range(len(batch["reliability"])):
         one = {name: column[i].item() for name, column in batch.items()}
         result = read_study(Cover, {**fixed, **one}).run()
@@ -74,16 +74,34 @@ def test_cover(batch, weights):
             assert column[i] == pytest.approx(getattr(result, name), rel=1e-10, abs=1e-12)
 
 
-def test_cover_agrees_with_powers_of_dense_matrices():
-    study = read_study(Cover, {**COVER, "bounce": 90, "errors_turn": 45, "reliability": 0.8})
+def test_cover_agrees_with_dense_linear_algebra():
+    fixed = {**COVER, "bounce": 90, "errors_turn": 45, "reliability": 0.8, "goal": "7.5,1.5"}
+    study = read_study(Cover, fixed)
     reliability = np.array([0.5, 0.75, 0.9])
-    distance = study.numbers({"reliability": reliability})["distance"][1]
+    numbers = {name: one for name, (_, one) in study.numbers({"reliability": reliability}).items()}
     cells = study.cells()
-    for one, found in zip(reliability.tolist(), distance, strict=True):
-        chain = noisy_bounce_map(cells, np.pi / 2, np.pi / 4, one)
-        steps = (chain.to_scipy().toarray() + np.eye(cells.size)) / 2
-        share = np.linalg.matrix_power(steps, 2**20).mean(axis=0).reshape(8, -1).sum(axis=0)
-        assert found == pytest.approx(np.linalg.norm(share - 1 / share.size), rel=1e-8)
+    x, y, _ = cells.centre(np.arange(cells.size))
+    goal = np.hypot(x - 7.5, y - 1.5) <= 1
+    assert goal.sum() == 3 * 8
+    for i, one in enumerate(reliability.tolist()):
+        steps = noisy_bounce_map(cells, np.pi / 2, np.pi / 4, one).to_scipy().toarray()
+        long = np.linalg.matrix_power((steps + np.eye(cells.size)) / 2, 2**20)
+        share = long.mean(axis=0).reshape(8, -1).sum(axis=0)
+        distance = np.linalg.norm(share - 1 / share.size)
+        assert numbers["distance"][i] == pytest.approx(distance, rel=1e-8)
+        assert numbers["goal_share"][i] == pytest.approx(share[goal[: share.size]].sum(), rel=1e-8)
+        among = np.eye((~goal).sum()) - steps[~goal][:, ~goal]
+        time = np.linalg.solve(among, np.ones(len(among))).sum() / cells.size
+        assert numbers["goal_time"][i] == pytest.approx(time, rel=1e-8)
+
+
+def test_goal_that_may_be_missed_takes_forever():
+    # With a sure turn of 180 degrees, robots stay on their lines.
+    fixed = {"bounce": 180, "errors_turn": 0, "reliability": 1.0, "goal": "7.5,1.5"}
+    study = read_study(Cover, {**COVER, **fixed})
+    assert study.run().goal_time == np.inf
+    with pytest.raises(ValueError, match=r"goal '1.5,1.5': the point .* lies in an obstacle"):
+        dataclasses.replace(study, goal="1.5,1.5").run()
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from ... import bounce as bouncing, space, verify as verification
 from ..batches import Numbers, Program, compiled, numbers_of
 from ..errors import ErrorTexts, read_errors
-from ..map_study import MapStudy
-from ..parameters import Angles, AtLeastOne, Limit
+from ..map_study import MapStudy, disc_at
+from ..parameters import Angles, AtLeastOne, Limit, Pose
 from ..study import Say, Wanted, every, radians, renamed, silent
 
 
@@ -38,6 +38,10 @@ class Cover(MapStudy):
     weights: Literal["basin", "size"] = "basin"
     """Weight of each persistent group of an angle: the probability of ending in it (basin), or its
     number of cells (size)."""
+    goal: Pose | None = None
+    """Goal, "x,y" or "x,y,radius" in metres; adds the share of time there, and the mean steps from
+    a random start. By default the radius is the side of a cell, or half a metre if cells are
+    smaller."""
     directions: AtLeastOne | None = 360
     """Number of directions in which the robot can drive."""
 
@@ -88,7 +92,20 @@ class Cover(MapStudy):
             "target": read_target(cells, self.target),
             "weights": self.weights,
             "motion": self.motion,
+            "goal": self._goal(cells),
         }
+
+    def _goal(self, cells: "space.CellSpace") -> "np.ndarray | None":
+        """Return a mask of the positions whose centres are in the goal, which has at least one."""
+        if self.goal is None:
+            return None
+        import numpy as np
+
+        centre, radius = disc_at(cells, self.goal, "goal")
+        x, y, _ = cells.centre(np.arange(cells.positions))
+        there = np.hypot(x - centre[0], y - centre[1]) <= radius
+        there[int(cells.index(*centre, 0.0)) % cells.positions] = True
+        return there
 
     def numbers(self, columns: "Mapping[str, np.ndarray]", wanted: Wanted = every) -> Numbers:
         from ...bounce.coverage import check_different
@@ -97,7 +114,7 @@ class Cover(MapStudy):
             return super().numbers(columns, wanted)
         cells = self.cells()
         options = self._options(cells)
-        shared = radians(self.bounce), options.pop("target")
+        shared = radians(self.bounce), options.pop("target"), options.pop("goal")
 
         def program(names: tuple[str, ...]) -> Program:
             return functools.partial(_program(cells, names, **options), *shared)
@@ -119,9 +136,9 @@ class Cover(MapStudy):
 
 @functools.lru_cache(maxsize=16)
 def _program(cells: "space.CellSpace", names: tuple[str, ...], **options: Any) -> Program:
-    def policy(bounces: Any, target: Any, reliability: Any) -> "bouncing.CoveragePolicy":
+    def policy(bounces: Any, target: Any, goal: Any, reliability: Any) -> Any:
         return bouncing.coverage_policy(
-            cells, bounces, target=target, reliability=reliability, **options
+            cells, bounces, target=target, goal=goal, reliability=reliability, **options
         )
 
     return compiled(policy, names)
