@@ -4,8 +4,8 @@ import operator
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from ..base.quantities import Quantity, Result, quantities
-from .study import Wanted, scalars
+from ..base.quantities import Quantity, Result, quantities, quantity
+from .study import Wanted, every, scalars
 
 
 if TYPE_CHECKING:
@@ -23,21 +23,36 @@ def compiled(single: Callable[..., Result], names: tuple[str, ...]) -> Program:
     """Compile a function of one member for many members.
 
     **Arguments:** a function that JAX can trace, of arguments that members share and of a number
-    per parameter of its own; and names of quantities of its result. **Returns:** a function of the
-    shared arguments and of an array per parameter. It returns whether all certificates of each
-    member hold, and an array per quantity, keyed by its name.
+    per parameter of its own; and names of quantities of its result, or of derivatives, such as
+    `d_distance_d_reliability`. **Returns:** a function of the shared arguments and of an array per
+    parameter. It returns whether all certificates of each member hold, and an array per name.
     """
     import jax
     import jax.numpy as jnp
 
     from ..base.certificate import Certificate
 
-    def one(shared: Any, own: dict[str, Any]) -> Any:
+    def values(own: dict[str, Any], shared: Any) -> Any:
         result = single(*shared, **own)
         parts = jax.tree.leaves(result, is_leaf=lambda part: isinstance(part, Certificate))
         sure = [part.converged for part in parts if isinstance(part, Certificate)]
-        numbers = ((name, getattr(result, name)) for name in names)
-        return jnp.stack(sure).all(), {k: jnp.asarray(v) for k, v in numbers if v is not None}
+        every = ((name, getattr(result, name)) for name in quantities(type(result)) if used(name))
+        numbers = {name: jnp.asarray(value) for name, value in every if value is not None}
+        smooth = {k: v for k, v in numbers.items() if jnp.issubdtype(v.dtype, jnp.floating)}
+        return smooth, (jnp.stack(sure).all(), numbers)
+
+    def used(name: str) -> bool:
+        return name in names or any(one.startswith(f"d_{name}_d_") for one in names)
+
+    def one(shared: Any, own: dict[str, Any]) -> Any:
+        if not any(name.startswith("d_") for name in names):
+            return values(own, shared)[1]
+        slopes, (sure, numbers) = jax.jacfwd(values, has_aux=True)(own, shared)
+        for name, by_parameter in slopes.items():
+            for parameter, slope in by_parameter.items():
+                finite = jnp.isfinite(numbers[name])
+                numbers[f"d_{name}_d_{parameter}"] = jnp.where(finite, slope, jnp.nan)
+        return sure, {name: number for name, number in numbers.items() if name in names}
 
     program = jax.jit(jax.vmap(one, (None, 0)))
     return lambda *shared, **own: program(shared, own)
@@ -50,7 +65,10 @@ def numbers_of(
     columns: "Mapping[str, np.ndarray]",
     wanted: Wanted,
 ) -> Numbers:
-    """Compute the wanted quantities of members that are single numbers.
+    """Compute the wanted quantities of members that are single numbers, and their derivatives.
+
+    A derivative by a parameter of `columns`, `d_quantity_d_parameter`, is computed only if it is
+    wanted by its name.
 
     A program is compiled once per number of members, so batches are powers of two, and the last
     member fills one. It cannot raise an error, so members whose certificates do not hold are
@@ -67,10 +85,18 @@ def numbers_of(
         return scalars(alone(**{name: one[i].item() for name, one in columns.items()}), (), wanted)
 
     count = len(next(iter(columns.values())))
-    if count == 1:
-        return of_one(0)
     described = {name: about for name, about in quantities(kind).items() if not about.dims}
-    compute = program(tuple(filter(wanted, described)))
+    slopes = {
+        f"d_{name}_d_{parameter}": quantity(
+            "", f"derivative of the {about.meaning}, by the {parameter}", about.units
+        )
+        for name, about in described.items()
+        for parameter in (columns if wanted is not every else ())
+    }
+    if count == 1 and not any(map(wanted, slopes)):
+        return of_one(0)
+    described |= slopes
+    compute = program((*filter(wanted, described),))
     found = []
     for start in range(0, count, _MOST):
         size = min(_MOST, count - start)

@@ -50,6 +50,7 @@ def test_groups():
         }
 
 
+SLOPES = [f"d_{name}_d_reliability" for name in ("distance", "goal_share", "goal_time")]
 COVER = {"map": str(bundled("lab_a")), "directions": 8, "bounce": [45, 90, 135]}
 
 
@@ -78,21 +79,40 @@ def test_cover_agrees_with_dense_linear_algebra():
     fixed = {**COVER, "bounce": 90, "errors_turn": 45, "reliability": 0.8, "goal": "7.5,1.5"}
     study = read_study(Cover, fixed)
     reliability = np.array([0.5, 0.75, 0.9])
-    numbers = {name: one for name, (_, one) in study.numbers({"reliability": reliability}).items()}
+    wanted = {"distance", "goal_share", "goal_time", *SLOPES}
+    found = study.numbers({"reliability": reliability}, wanted.__contains__)
+    assert found.keys() == wanted
+    assert found["d_goal_time_d_reliability"][0].units == "mappings"
     cells = study.cells()
     x, y, _ = cells.centre(np.arange(cells.size))
     goal = np.hypot(x - 7.5, y - 1.5) <= 1
     assert goal.sum() == 3 * 8
-    for i, one in enumerate(reliability.tolist()):
+
+    def dense(one):
         steps = noisy_bounce_map(cells, np.pi / 2, np.pi / 4, one).to_scipy().toarray()
         long = np.linalg.matrix_power((steps + np.eye(cells.size)) / 2, 2**20)
         share = long.mean(axis=0).reshape(8, -1).sum(axis=0)
-        distance = np.linalg.norm(share - 1 / share.size)
-        assert numbers["distance"][i] == pytest.approx(distance, rel=1e-8)
-        assert numbers["goal_share"][i] == pytest.approx(share[goal[: share.size]].sum(), rel=1e-8)
         among = np.eye((~goal).sum()) - steps[~goal][:, ~goal]
-        time = np.linalg.solve(among, np.ones(len(among))).sum() / cells.size
-        assert numbers["goal_time"][i] == pytest.approx(time, rel=1e-8)
+        times = np.linalg.solve(among, np.ones(len(among)))
+        distance = np.linalg.norm(share - 1 / share.size)
+        return np.array([distance, share[goal[: share.size]].sum(), times.sum() / cells.size])
+
+    for i, one in enumerate(reliability.tolist()):
+        values = [found[name][1][i] for name in ("distance", "goal_share", "goal_time")]
+        np.testing.assert_allclose(values, dense(one), rtol=1e-8)
+        slopes = (dense(one + 1e-4) - dense(one - 1e-4)) / 2e-4
+        np.testing.assert_allclose([found[name][1][i] for name in SLOPES], slopes, rtol=1e-5)
+
+
+def test_single_member_has_derivatives_that_are_wanted():
+    fixed = {**COVER, "errors_turn": 45, "goal": "7.5,1.5"}
+    batch = {"reliability": np.array([0.6, 0.8])}
+    several = study_task(Cover, batch, fixed, 0, SLOPES)
+    alone = study_task(Cover, {"reliability": np.array([0.8])}, fixed, 0, SLOPES)
+    for name in SLOPES:
+        assert several[name].item(1) == pytest.approx(alone[name].item(0), rel=1e-8)
+    with pytest.raises(ValueError, match="no number 'd_angles_used_d_reliability'"):
+        study_task(Cover, batch, fixed, 0, ["d_angles_used_d_reliability"])
 
 
 def test_goal_that_may_be_missed_takes_forever():
