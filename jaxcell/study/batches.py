@@ -12,8 +12,9 @@ if TYPE_CHECKING:
     import numpy as np
 
 
-# Largest number of members of a batch.
-_MOST = 256
+# Smallest number of members for which a program is faster than single runs, and the largest one of
+# a batch.
+_LEAST, _MOST = 8, 256
 
 Numbers: TypeAlias = "dict[str, tuple[Quantity, np.ndarray]]"
 Program: TypeAlias = Callable[..., tuple[Any, dict[str, Any]]]
@@ -72,7 +73,7 @@ def numbers_of(
 
     A program is compiled once per number of members, so batches are powers of two, and the last
     member fills one. It cannot raise an error, so members whose certificates do not hold are
-    computed alone.
+    computed alone, and so are a few members.
 
     **Arguments:** the class of results; a function that compiles a program of the parameters for
     the names of quantities, see [`compiled`][]; a function that computes the result of one member;
@@ -93,8 +94,11 @@ def numbers_of(
         for name, about in described.items()
         for parameter in (columns if wanted is not every else ())
     }
-    if count == 1 and not any(map(wanted, slopes)):
-        return of_one(0)
+    if count < _LEAST and not any(map(wanted, slopes)):
+        each = [of_one(i) for i in range(count)]
+        return {
+            k: (about, np.stack([one[k][1] for one in each])) for k, (about, _) in each[0].items()
+        }
     described |= slopes
     compute = program((*filter(wanted, described),))
     found = []

@@ -7,7 +7,7 @@ import pytest
 
 from jaxcell import bundled
 from jaxcell.bounce import noisy_bounce_map
-from jaxcell.study import Cover, Groups, Rooms
+from jaxcell.study import Cover, Dynamics, Groups, Rooms
 from jaxcell.sweep.study_task import read_study, study_task
 
 
@@ -64,7 +64,9 @@ COVER = {"map": str(bundled("lab_a")), "directions": 8, "bounce": [45, 90, 135]}
     ids=["product", "scattered"],
 )
 @pytest.mark.parametrize("weights", ["basin", "size"])
-def test_cover(batch, weights):
+@pytest.mark.parametrize("least", [1, 8])
+def test_cover(batch, weights, least, monkeypatch):
+    monkeypatch.setattr("jaxcell.study.batches._LEAST", least)
     fixed = {**COVER, "weights": weights, "errors_turn": 45, "goal": "7.5,1.5,1.2"}
     table = study_task(Cover, batch, {k: v for k, v in fixed.items() if k not in batch}, 0)
     assert set(table) >= {"distance", "angles_used", "duality_gap", "goal_share", "goal_time"}
@@ -127,16 +129,26 @@ def test_goal_that_may_be_missed_takes_forever():
 @pytest.mark.parametrize(
     ("fixed", "message"),
     [
-        ({"errors_turn": 0}, r"reliability: 0.8 leaves a chance of an error"),
+        ({"errors_turn": 0}, r"reliability: 0.97\d* leaves a chance of an error"),
         ({"errors_turn": 30}, r"errors: 30 deg is not a whole number of the 8 directions"),
         ({"bounce": [50]}, r"bounce: 50 deg is not a whole number of the 8 directions"),
         ({"bounce": [45, 405]}, r"bounce: 405 deg comes twice"),
     ],
 )
 def test_wrong_parameter_of_a_batch_raises_the_error_of_a_single_run(fixed, message):
-    batch = {"reliability": np.array([1.0, 0.8])}
+    batch = {"reliability": np.linspace(1.0, 0.8, 8)}
     with pytest.raises(ValueError, match=message):
         study_task(Cover, batch, {**COVER, "errors_turn": 45, **fixed}, 0)
+
+
+def test_parameter_of_a_system_varies_as_a_number():
+    fixed = {"system": "henon", "cells": 30, "params": ["b=0.3"]}
+    table = study_task(Dynamics, {"params_a": np.array([0.2, 1.4])}, fixed, 0)
+    for i, a in enumerate([0.2, 1.4]):
+        result = Dynamics("henon", cells=(30,), params=(f"a={a}", "b=0.3")).run()
+        assert table["groups"][i] == result.groups
+        assert table["self_images"][i] == result.self_images
+    assert table["groups"][0] != table["groups"][1]
 
 
 def test_only_wanted_numbers_are_computed(monkeypatch):
