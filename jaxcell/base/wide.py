@@ -101,6 +101,11 @@ def host_array(array: Any) -> Any:
     return array if traced(array) else sys.modules["jax"].device_get(array)
 
 
+def as_number(array: Any) -> Any:
+    """Convert an array without axes to a number of Python, unless JAX traces it."""
+    return array if traced(array) else array.item()
+
+
 def widened(kind: _Class) -> _Class:
     """Let the public methods and properties of a class compute with 64 bits."""
     if "_widened" in vars(kind) or kind.__module__.startswith(_HOST):

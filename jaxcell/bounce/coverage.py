@@ -8,18 +8,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
-from ..base.certificate import Certificate, Real
+from ..base.certificate import Certificate, Real, Solution, Whole
 from ..base.divided import put_on_device
 from ..base.precision import require_x64
 from ..base.quantities import PROBABILITY, Checks, Result, derived, from_part, quantity
-from ..base.wide import namespace
+from ..base.wide import as_number, namespace, traced
 from ..mapping import PersistentGroups, persistent_groups
-from ..markov import LimitingDistribution, limiting_distribution
+from ..markov import LimitingDistribution, hitting_times, limiting_distribution
 from ..optimize import mixture
 from ..space import CELL_BY_CELL, CellSpace, Motion, estimates
-from .dynamics import Bounces, moves as moves_of
+from .dynamics import Bounces, bounce_shift, moves as moves_of
 from .groups import padded
 from .noisy_map import noisy_chain, noisy_turns
 
@@ -27,7 +27,7 @@ from .noisy_map import noisy_chain, noisy_turns
 Target: TypeAlias = npt.ArrayLike | Callable[[Any, Any], Any] | None
 
 
-_ARRAYS = "bounce alpha coverage mixture target distance certificate groups limiting"
+_ARRAYS = "bounce alpha coverage mixture target distance certificate groups limiting goal arrival"
 
 
 @functools.partial(
@@ -66,6 +66,10 @@ class CoveragePolicy(Result):
     "The persistent groups of each angle."
     limiting: tuple[LimitingDistribution, ...]
     "The limiting distribution of each angle over all cells, with its certificate."
+    goal: Bool[np.ndarray | Array, "positions"] | None = None
+    "The positions of the goal, or `None`."
+    arrival: tuple[Solution, ...] = ()
+    "The expected steps of each angle from all cells to the goal; empty without a goal."
 
     @property
     def answer(self) -> tuple[str, ...]:
@@ -74,20 +78,34 @@ class CoveragePolicy(Result):
         return (f"The best robot bounces {', '.join(used)} of the time.",)
 
     @derived("", "time spent elsewhere than wanted", kind="share")
-    def total_variation(self) -> float:
-        return float(jnp.abs(self.mixture - self.target).sum() / 2)
+    def total_variation(self) -> Real:
+        return as_number(jnp.abs(self.mixture - self.target).sum() / 2)
 
     @derived("", "positions visited in the long run", kind="count")
-    def positions_visited(self) -> int:
-        return int((np.asarray(self.mixture) > 0).sum())
+    def positions_visited(self) -> Whole:
+        return as_number((self.mixture > 0).sum())
 
     @derived("", "bouncing angles with a share of time", kind="count")
-    def angles_used(self) -> int:
-        return int((np.asarray(self.alpha) > 0).sum())
+    def angles_used(self) -> Whole:
+        return as_number((self.alpha > 0).sum())
 
     @derived("", "persistent groups of all angles", kind="count")
-    def groups_in_all(self) -> int:
-        return sum(int(one.count) for one in self.groups)
+    def groups_in_all(self) -> Whole:
+        return sum(one.count for one in self.groups)
+
+    @derived("", "share of time of the mixture in the goal", "1", kind="share")
+    def goal_share(self) -> Real | None:
+        if self.goal is None:
+            return None
+        return as_number(jnp.where(self.goal, self.mixture, 0.0).sum())
+
+    @derived("", "mean steps to the goal if each robot keeps its angle", "mappings", kind="time")
+    def goal_time(self) -> Real | None:
+        """The mean over random starts and over angles, which have their shares of time."""
+        if self.goal is None:
+            return None
+        each = jnp.stack([one.value.mean() for one in self.arrival])
+        return as_number(jnp.where(self.alpha > 0, self.alpha * each, 0.0).sum())
 
     duality_gap = from_part("certificate.residual", "", "duality gap, relative", kind="residual")
 
@@ -106,6 +124,10 @@ class CoveragePolicy(Result):
     @derived("bounce", "positions visited by one angle alone", kind="count")
     def positions_alone(self) -> Int[np.ndarray, "angles"]:
         return (np.asarray(self.coverage) > 0).sum(axis=1)
+
+    @derived("bounce", "mean steps from a random start to the goal", "mappings", kind="time")
+    def steps_to_goal(self) -> Float[np.ndarray, "angles"] | None:
+        return np.array([one.value.mean() for one in self.arrival]) if self.arrival else None
 
     @derived("bounce", "change of the limiting distribution by a step", kind="residual")
     def stationarity_residual(self) -> Float[np.ndarray, "angles"]:
@@ -161,13 +183,14 @@ class CoveragePolicy(Result):
 
 def coverage_policy(
     cells: CellSpace,
-    bounces: Sequence[float] | Float[np.ndarray, "angles"],
+    bounces: Sequence[float] | Float[np.ndarray, "angles"] | Float[Array, "angles"],
     error: float,
     reliability: float | Array,
     target: Target = None,
     *,
     weights: Literal["basin", "size"] = "basin",
     motion: Motion = CELL_BY_CELL,
+    goal: Bool[np.ndarray | Array, "positions"] | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> CoveragePolicy:
     """Find the mixture of bouncing angles whose coverage is nearest to a target (Alg. 3.3).
@@ -181,10 +204,11 @@ def coverage_policy(
     - `error`, `reliability`, `target`: as for [`noisy_bounce_map`][] and [`coverage_target`][].
     - `weights`: the weight of a persistent group, which is the probability of ending in it from a
         random start (`"basin"`), or its share of the persistent cells (`"size"`).
+    - `goal`: a mask of positions, by default none; the policy then has the expected steps to them.
     - `progress`: a function that is called with the number of finished angles.
 
-    **Returns:** [`CoveragePolicy`][]: the mixture, and the coverage of each angle. The reliability
-    may be traced by `jit`, `vmap` and `grad`; the angles and the target are fixed.
+    **Returns:** [`CoveragePolicy`][]: the mixture, and the coverage of each angle. The
+    reliability may be traced by `jit`, `vmap` and `grad`, and the angles by `jit` and `vmap`.
 
     **Raises:** `RuntimeError` if a solver does not converge, or if JAX uses 32 bits.
 
@@ -199,34 +223,30 @@ def coverage_policy(
         [0.25, 0.25, 0.25, 0.25]
     """
     require_x64("coverage_policy")
-    turns = [noisy_turns(float(b), error, reliability, cells.directions) for b in bounces]
-    if not turns:
-        raise ValueError("bounces: expected at least one angle, got none")
-    shifts = [int(turn[0]) for turn, _ in turns]
-    for i, shift in enumerate(shifts):
-        if shift in shifts[:i]:
-            raise ValueError(
-                f"bounces: {math.degrees(bounces[i]):g} deg comes twice, as angles {i} and "
-                f"{shifts.index(shift)}"
-            )
+    if not traced(bounces):
+        check_different(bounces, cells.directions)
+    turns = [noisy_turns(b, error, reliability, cells.directions) for b in bounces]
     wanted = coverage_target(cells, target)
     needed = functools.partial(estimates.coverage, angles=len(turns), branches=len(turns[0][0]))
     estimates.check_cells(cells, motion, needed, "coverage")
     possible = moves_of(cells, motion=motion)
-    groups, limiting, coverage = [], [], []
+    groups, limiting, coverage, arrival = [], [], [], []
+    there = None if goal is None else namespace(goal).tile(goal, cells.directions)
     for turn, probability in turns:
         chain = noisy_chain(possible, turn, probability)
         groups.append(persistent_groups(chain))
         limiting.append(limiting_distribution(chain, groups[-1], weights))
         value = limiting[-1].value.reshape(cells.directions, cells.positions)
         coverage.append(value.sum(axis=0))
+        if there is not None:
+            arrival.append(hitting_times(chain, there))
         if progress is not None:
             progress(len(coverage))
     each = jnp.stack(coverage)
     best = mixture(each.T, wanted)
     return CoveragePolicy(
         cells=cells,
-        bounce=np.asarray(bounces, float),
+        bounce=namespace(bounces).asarray(bounces, float),
         alpha=best.weights,
         coverage=each,
         mixture=best.value,
@@ -235,7 +255,22 @@ def coverage_policy(
         certificate=best.certificate,
         groups=tuple(groups),
         limiting=tuple(limiting),
+        goal=goal,
+        arrival=tuple(arrival),
     )
+
+
+def check_different(bounces: Any, directions: int) -> None:
+    """Raise `ValueError` unless there are bouncing angles, which are different directions."""
+    shifts = [int(bounce_shift(float(one), directions)) for one in bounces]
+    if not shifts:
+        raise ValueError("bounces: expected at least one angle, got none")
+    for i, shift in enumerate(shifts):
+        if shift in shifts[:i]:
+            raise ValueError(
+                f"bounces: {math.degrees(bounces[i]):g} deg comes twice, as angles {i} and "
+                f"{shifts.index(shift)}"
+            )
 
 
 def coverage_target(cells: CellSpace, target: Target = None) -> Float[Any, "positions"]:

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Real
 
+from ..base.certificate import Numbers
 from ..base.indices import as_array
 from ..base.quantities import derived, quantity
 from ..base.shown import Shown
@@ -20,7 +21,7 @@ from ..space.steps import Steps
 
 
 Bounces: TypeAlias = Annotated[
-    Float[np.ndarray, "angles"],
+    Float[Numbers, "angles"],
     quantity("bounce", "bouncing angle", "rad", kind="coordinate", sense="counter-clockwise"),
 ]
 # A compiled program is made for a cell space and a motion: its tables depend on both.

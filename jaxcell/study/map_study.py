@@ -200,6 +200,24 @@ def cell_at(cells: "space.CellSpace", text: Any, parameter: str) -> int:
         return int(cells.index(x, y, math.radians(heading)))
 
 
+def disc_at(
+    cells: "space.CellSpace", text: Any, parameter: str
+) -> tuple[tuple[float, float], float]:
+    """Parse the centre and the radius of a disc, `x,y` or `x,y,radius` in metres.
+
+    By default the radius is the side of a cell, or half a metre if cells are smaller. Errors name
+    `parameter`.
+    """
+    text = ",".join(map(str, text)) if isinstance(text, tuple | list) else str(text)
+    units = "mm" if text.count(",") == 1 else "mmm"
+    x, y, *given = numbers(parameter, text, units, '"x,y" or "x,y,radius" in metres')
+    (radius,) = given or [max(cells.cell, 0.5)]
+    Limit(gt=0).check(f"{parameter} {text!r}: radius", radius, " m")
+    with about(f"{parameter} {text!r}"):
+        cells.index(x, y)
+    return (x, y), radius
+
+
 @functools.lru_cache(maxsize=8)
 def _chosen(cut: _Cut) -> "tuple[space.Workspace, float, int]":
     from ..space.cells import suggested

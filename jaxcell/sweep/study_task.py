@@ -23,16 +23,16 @@ Asked = TypeVar("Asked", bound=Study)
 def read_study(study: type[Asked], parameters: Mapping[str, Any]) -> Asked:
     """Create a study from parameters read from TOML or JSON; a tuple may be given as one value.
 
-    `errors_turn = 5.0` is one of the `errors`, turn=5.0.
+    `errors_turn = 5.0` is one of the `errors`, turn=5.0, and `params_T = 0.5` one of the `params`.
     """
     known = {field.name: field for field in dataclasses.fields(study)}
     named = ", ".join(known)
-    if "errors" in known:
-        own = {name: one for name, one in parameters.items() if name.startswith("errors_")}
-        errors = [f"{name.removeprefix('errors_')}={one}" for name, one in own.items()]
+    for texts in {"errors", "params"} & known.keys():
+        own = {name: one for name, one in parameters.items() if name.startswith(f"{texts}_")}
+        more = [f"{name.removeprefix(f'{texts}_')}={one}" for name, one in own.items()]
         parameters = {name: one for name, one in parameters.items() if name not in own}
-        if errors:
-            parameters["errors"] = [*parameters.get("errors", []), *errors]
+        if more:
+            parameters[texts] = [*parameters.get(texts, []), *more]
     for name in parameters:
         if name not in known:
             raise ValueError(f"{name}: expected a parameter of {study.__name__}, one of {named}")

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from jaxcell import bundled
-from jaxcell.study import Groups, Rooms
-from jaxcell.sweep.study_task import study_task
+from jaxcell.bounce import noisy_bounce_map
+from jaxcell.study import Cover, Dynamics, Groups, Rooms
+from jaxcell.sweep.study_task import read_study, study_task
 
 
 def alone(study, columns):
@@ -47,6 +48,107 @@ def test_groups():
         assert {name: column[i] for name, (_, column) in numbers.items()} == {
             name: getattr(result, name)[0] for name in numbers
         }
+
+
+SLOPES = [f"d_{name}_d_reliability" for name in ("distance", "goal_share", "goal_time")]
+COVER = {"map": str(bundled("lab_a")), "directions": 8, "bounce": [45, 90, 135]}
+
+
+@pytest.mark.parametrize(
+    "batch",
+    [
+        {"reliability": np.tile([0.6, 0.8, 1.0], 2), "errors_turn": np.repeat([45, 90], 3)},
+        # Each angle has several reliabilities; a sure turn has other possible steps.
+        {"bounce": np.array([45, 90, 45, 45]), "reliability": np.array([0.9, 0.7, 0.8, 1.0])},
+    ],
+    ids=["product", "scattered"],
+)
+@pytest.mark.parametrize("weights", ["basin", "size"])
+@pytest.mark.parametrize("least", [1, 8])
+def test_cover(batch, weights, least, monkeypatch):
+    monkeypatch.setattr("jaxcell.study.batches._LEAST", least)
+    fixed = {**COVER, "weights": weights, "errors_turn": 45, "goal": "7.5,1.5,1.2"}
+    table = study_task(Cover, batch, {k: v for k, v in fixed.items() if k not in batch}, 0)
+    assert set(table) >= {"distance", "angles_used", "duality_gap", "goal_share", "goal_time"}
+    for i in range(len(batch["reliability"])):
+        one = {name: column[i].item() for name, column in batch.items()}
+        result = read_study(Cover, {**fixed, **one}).run()
+        for name, column in table.items():
+            assert column[i] == pytest.approx(getattr(result, name), rel=1e-10, abs=1e-12)
+
+
+def test_cover_agrees_with_dense_linear_algebra():
+    fixed = {**COVER, "bounce": 90, "errors_turn": 45, "reliability": 0.8, "goal": "7.5,1.5"}
+    study = read_study(Cover, fixed)
+    reliability = np.array([0.5, 0.75, 0.9])
+    wanted = {"distance", "goal_share", "goal_time", *SLOPES}
+    found = study.numbers({"reliability": reliability}, wanted.__contains__)
+    assert found.keys() == wanted
+    assert found["d_goal_time_d_reliability"][0].units == "mappings"
+    cells = study.cells()
+    x, y, _ = cells.centre(np.arange(cells.size))
+    goal = np.hypot(x - 7.5, y - 1.5) <= 1
+    assert goal.sum() == 3 * 8
+
+    def dense(one):
+        steps = noisy_bounce_map(cells, np.pi / 2, np.pi / 4, one).to_scipy().toarray()
+        long = np.linalg.matrix_power((steps + np.eye(cells.size)) / 2, 2**20)
+        share = long.mean(axis=0).reshape(8, -1).sum(axis=0)
+        among = np.eye((~goal).sum()) - steps[~goal][:, ~goal]
+        times = np.linalg.solve(among, np.ones(len(among)))
+        distance = np.linalg.norm(share - 1 / share.size)
+        return np.array([distance, share[goal[: share.size]].sum(), times.sum() / cells.size])
+
+    for i, one in enumerate(reliability.tolist()):
+        values = [found[name][1][i] for name in ("distance", "goal_share", "goal_time")]
+        np.testing.assert_allclose(values, dense(one), rtol=1e-8)
+        slopes = (dense(one + 1e-4) - dense(one - 1e-4)) / 2e-4
+        np.testing.assert_allclose([found[name][1][i] for name in SLOPES], slopes, rtol=1e-5)
+
+
+def test_single_member_has_derivatives_that_are_wanted():
+    fixed = {**COVER, "errors_turn": 45, "goal": "7.5,1.5"}
+    batch = {"reliability": np.array([0.6, 0.8])}
+    several = study_task(Cover, batch, fixed, 0, SLOPES)
+    alone = study_task(Cover, {"reliability": np.array([0.8])}, fixed, 0, SLOPES)
+    for name in SLOPES:
+        assert several[name].item(1) == pytest.approx(alone[name].item(0), rel=1e-8)
+    with pytest.raises(ValueError, match="no number 'd_angles_used_d_reliability'"):
+        study_task(Cover, batch, fixed, 0, ["d_angles_used_d_reliability"])
+
+
+def test_goal_that_may_be_missed_takes_forever():
+    # With a sure turn of 180 degrees, robots stay on their lines.
+    fixed = {"bounce": 180, "errors_turn": 0, "reliability": 1.0, "goal": "7.5,1.5"}
+    study = read_study(Cover, {**COVER, **fixed})
+    assert study.run().goal_time == np.inf
+    with pytest.raises(ValueError, match=r"goal '1.5,1.5': the point .* lies in an obstacle"):
+        dataclasses.replace(study, goal="1.5,1.5").run()
+
+
+@pytest.mark.parametrize(
+    ("fixed", "message"),
+    [
+        ({"errors_turn": 0}, r"reliability: 0.97\d* leaves a chance of an error"),
+        ({"errors_turn": 30}, r"errors: 30 deg is not a whole number of the 8 directions"),
+        ({"bounce": [50]}, r"bounce: 50 deg is not a whole number of the 8 directions"),
+        ({"bounce": [45, 405]}, r"bounce: 405 deg comes twice"),
+    ],
+)
+def test_wrong_parameter_of_a_batch_raises_the_error_of_a_single_run(fixed, message):
+    batch = {"reliability": np.linspace(1.0, 0.8, 8)}
+    with pytest.raises(ValueError, match=message):
+        study_task(Cover, batch, {**COVER, "errors_turn": 45, **fixed}, 0)
+
+
+def test_parameter_of_a_system_varies_as_a_number():
+    fixed = {"system": "henon", "cells": 30, "params": ["b=0.3"]}
+    table = study_task(Dynamics, {"params_a": np.array([0.2, 1.4])}, fixed, 0)
+    for i, a in enumerate([0.2, 1.4]):
+        result = Dynamics("henon", cells=(30,), params=(f"a={a}", "b=0.3")).run()
+        assert table["groups"][i] == result.groups
+        assert table["self_images"][i] == result.self_images
+    assert table["groups"][0] != table["groups"][1]
 
 
 def test_only_wanted_numbers_are_computed(monkeypatch):

@@ -9,9 +9,9 @@ from ... import bounce as bouncing, space, walls
 from ...base.doubts import warn
 from ...base.quantities import Result
 from ..errors import ErrorTexts, read_errors
-from ..map_study import DIRECTION_DEG, RobotStudy
+from ..map_study import DIRECTION_DEG, RobotStudy, disc_at
 from ..parameters import Angles, AtLeastOne, Count, Headings, Length, Limit, Only, Pose
-from ..study import Say, about, numbers, radians, silent
+from ..study import Say, numbers, radians, silent
 
 
 # The number of starts whose plans of cells are compared.
@@ -205,14 +205,7 @@ class NavigateAnywhere(AnywhereStudy):
     metre if cells are smaller."""
 
     def run(self, say: Say = silent) -> Result:
-        expected = '"x,y" or "x,y,radius" in metres'
-        units = "mm" if f"{self.goal}".count(",") == 1 else "mmm"
-        x, y, *given = numbers("goal", self.goal, units, expected)
-        (radius,) = given or [max(self.cells().cell, 0.5)]
-        Limit(gt=0).check(f"goal {self.goal!r}: radius", radius, " m")
-        with about(f"goal {self.goal!r}"):
-            self.cells().index(x, y)
-        return self.simulate(say, ((x, y), radius))
+        return self.simulate(say, disc_at(self.cells(), self.goal, "goal"))
 
 
 def pose_at(

@@ -1,14 +1,20 @@
 import dataclasses
+import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from ... import bounce as bouncing, space, verify as verification
+from ..batches import Numbers, Program, compiled, numbers_of
 from ..errors import ErrorTexts, read_errors
-from ..map_study import MapStudy
-from ..parameters import Angles, AtLeastOne, Limit
-from ..study import Say, radians, renamed, silent
+from ..map_study import MapStudy, disc_at
+from ..parameters import Angles, AtLeastOne, Limit, Pose
+from ..study import Say, Wanted, every, radians, renamed, silent
+
+
+if TYPE_CHECKING:
+    import numpy as np
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -19,6 +25,7 @@ class Cover(MapStudy):
     command: ClassVar[str] = "cover"
     example: ClassVar[str] = "@complex --bounce 30 75 315 --errors turn=5deg --reliability 0.8"
     task: ClassVar[str] = "cover"
+    varied: ClassVar[tuple[str, ...]] = ("reliability",)
 
     bounce: Angles
     """Bouncing angles in degrees, counter-clockwise."""
@@ -31,6 +38,10 @@ class Cover(MapStudy):
     weights: Literal["basin", "size"] = "basin"
     """Weight of each persistent group of an angle: the probability of ending in it (basin), or its
     number of cells (size)."""
+    goal: Pose | None = None
+    """Goal, "x,y" or "x,y,radius" in metres; adds the share of time there, and the mean steps from
+    a random start. By default the radius is the side of a cell, or half a metre if cells are
+    smaller."""
     directions: AtLeastOne | None = 360
     """Number of directions in which the robot can drive."""
 
@@ -56,33 +67,81 @@ class Cover(MapStudy):
         return space.estimates.coverage(extent, self.motion, angles=angles, branches=branches)
 
     def run(self, say: Say = silent) -> "bouncing.CoveragePolicy":
-        from .target import read_target
-
         cells = self.cells()
         count = len(self.bounce)
         doing = (
             f"covering {cells.positions:,} positions by {count} angles, {cells.size:,} cells each"
         )
         say(doing)
-        check_target(self.target)
-        target = read_target(cells, self.target)
         with renamed(bounces="bounce", error="errors"):
             return bouncing.coverage_policy(
                 cells,
                 radians(self.bounce),
-                math.radians(self.error),
-                self.reliability,
-                target,
-                weights=self.weights,
-                motion=self.motion,
+                reliability=self.reliability,
                 progress=lambda done: say(doing, done, count),
+                **self._options(cells),
             )
+
+    def _options(self, cells: "space.CellSpace") -> dict[str, Any]:
+        """Return the arguments of `coverage_policy` that the members of a batch share."""
+        from .target import read_target
+
+        check_target(self.target)
+        return {
+            "error": math.radians(self.error),
+            "target": read_target(cells, self.target),
+            "weights": self.weights,
+            "motion": self.motion,
+            "goal": self._goal(cells),
+        }
+
+    def _goal(self, cells: "space.CellSpace") -> "np.ndarray | None":
+        """Return a mask of the positions whose centres are in the goal, which has at least one."""
+        if self.goal is None:
+            return None
+        import numpy as np
+
+        centre, radius = disc_at(cells, self.goal, "goal")
+        x, y, _ = cells.centre(np.arange(cells.positions))
+        there = np.hypot(x - centre[0], y - centre[1]) <= radius
+        there[int(cells.index(*centre, 0.0)) % cells.positions] = True
+        return there
+
+    def numbers(self, columns: "Mapping[str, np.ndarray]", wanted: Wanted = every) -> Numbers:
+        from ...bounce.coverage import check_different
+
+        if not columns:
+            return super().numbers(columns, wanted)
+        cells = self.cells()
+        options = self._options(cells)
+        shared = radians(self.bounce), options.pop("target"), options.pop("goal")
+
+        def program(names: tuple[str, ...]) -> Program:
+            return functools.partial(_program(cells, names, **options), *shared)
+
+        def alone(**own: Any) -> "bouncing.CoveragePolicy":
+            return dataclasses.replace(self, **own).run()
+
+        with renamed(bounces="bounce", error="errors"):
+            # The angles of a program have no values, which could be wrong.
+            check_different(shared[0], cells.directions)
+            return numbers_of(bouncing.CoveragePolicy, program, alone, columns, wanted)
 
     def verify(self, result: Any) -> "Sequence[verification.Comparison]":
         error = math.radians(self.error)
         return verification.compare_coverage(
             result, error, self.reliability, weights=self.weights, motion=self.motion
         )
+
+
+@functools.lru_cache(maxsize=16)
+def _program(cells: "space.CellSpace", names: tuple[str, ...], **options: Any) -> Program:
+    def policy(bounces: Any, target: Any, goal: Any, reliability: Any) -> Any:
+        return bouncing.coverage_policy(
+            cells, bounces, target=target, goal=goal, reliability=reliability, **options
+        )
+
+    return compiled(policy, names)
 
 
 def check_target(text: str) -> None:
