@@ -49,6 +49,25 @@ def _expected_change(value: Any, inputs: Any) -> Any:
     return solve(chain, inside, left - jax.lax.stop_gradient(left))
 
 
+def visited(
+    value: Float[Array | np.ndarray, "cells"],
+    chain: Chain,
+    inside: Bool[Array | np.ndarray, "cells"],
+    start: Any,
+) -> Any:
+    """Return `value` with its derivatives, where it solves `x = start + P' x` on cells `inside`."""
+    if not traced(value, chain, inside, start):
+        return value
+    return implicit(_visited_change, value, (chain, inside, jnp.where(inside, start, 0.0)))
+
+
+def _visited_change(value: Any, inputs: Any) -> Any:
+    chain, inside, start = inputs
+    now = jnp.where(inside, value, 0.0)
+    left = start + chain.push(now) - now
+    return solve(chain, inside, left - jax.lax.stop_gradient(left), adjoint=True)
+
+
 def solve(
     chain: Chain,
     inside: Bool[Array, "cells"],
@@ -88,7 +107,8 @@ def _solved(
         return x
     part = Transient.of(matrix, inside)
     x[inside] = solve_signed(
-        lambda columns: part.visited(columns) if adjoint else part.expect(columns).value[:, :-1], b
+        lambda columns: part.visited(columns)[0] if adjoint else part.expect(columns).value[:, :-1],
+        b,
     )
     return x
 
