@@ -14,6 +14,7 @@ from ...mapping import Chain
 from ...space.box import Box
 from ..imaging import check_map, mapped_points
 from ..maps import Flow, with_params
+from .deviations import deviations_of
 from .ends import Ends, Region
 
 
@@ -142,32 +143,6 @@ def diffusion_to(
 
 def _ways(ends: Ends, axis: int) -> list[tuple[int, Any, Any]]:
     return [(sign, *ends.step(axis, sign)) for sign in (-1, 1)]
-
-
-def deviations_of(noise: Any, box: Box) -> Callable[[Any, Any], Any]:
-    """Return the function of points `[points, axes]` and parameters that computes deviations."""
-    if callable(noise):
-        given = _Deviations(with_params(noise, 2, "noise"), box.dimensions)
-        return lambda points, params: mapped_points(given, params, points[:, None])[:, 0]
-    several = isinstance(noise, tuple) or np.ndim(noise)
-    each = tuple(noise) if several else (noise,) * box.dimensions
-    if len(each) != box.dimensions:
-        raise ValueError(f"noise: expected {box.dimensions} numbers, got {len(each)}")
-    if not traced(noise) and not all(0 <= float(one) < np.inf for one in each):
-        raise ValueError(f"noise: expected numbers from 0, got {noise}")
-    numbers = jnp.stack([jnp.asarray(one, float) for one in each])
-    return lambda points, params: jnp.broadcast_to(numbers, points.shape)
-
-
-@dataclasses.dataclass(frozen=True)
-class _Deviations:
-    """A function of a point and parameters that returns one standard deviation per axis."""
-
-    function: Callable[..., Any]
-    axes: int
-
-    def __call__(self, x: Any, params: Any) -> Any:
-        return jnp.broadcast_to(jnp.asarray(self.function(x, params), float), (self.axes,))
 
 
 def _bernoulli(fit: Any) -> Any:

@@ -66,20 +66,21 @@ class Ends:
     "The number of the first region with the centre of each cell, or -1."
 
     @classmethod
-    def of(cls, box: Box, regions: Mapping[str, Region]) -> "Ends":
-        """Find the ends of a box: its regions, and the sides of its axes that are sinks."""
+    def of(cls, box: Box, regions: Mapping[str, Region], *, sides: bool = True) -> "Ends":
+        """Find the ends of a box: its regions, and the sides of its axes that are sinks.
+
+        Without `sides`, the outside of the box is one end.
+        """
         each = {name: within(region, box, name) for name, region in regions.items()}
-        sides = [
-            f"{'below' if side == 0 else 'above'} x{axis}"
-            for axis, kind in enumerate(box.axes)
-            for side in (0, 1)
-            if kind == "sink"
-        ]
+        sinks = [axis for axis, kind in enumerate(box.axes) if kind == "sink"]
+        out = [f"{side} x{axis}" for axis in sinks for side in ("below", "above")]
+        if sinks and not sides:
+            out = ["outside of the box"]
         centre = box.centre(np.arange(box.size, dtype=np.int32))
         end = np.full(box.size, -1)
         for number, inside in reversed(list(enumerate(each.values()))):
             end[inside(centre)] = number
-        return cls(box, (*each, *sides), end < 0, tuple(each.values()), end)
+        return cls(box, (*each, *out), end < 0, tuple(each.values()), end)
 
     @property
     def cells(self) -> int:
@@ -153,14 +154,12 @@ class Ends:
     def stopped(self, matrix: csr_array) -> csr_array:
         """Return the matrix of a chain on the box that stops in each region and outside the box.
 
-        The part of a cell that is in a region belongs to it. All ways out of the box end at the
-        first of its sides.
+        The part of a cell that is in a region belongs to it.
         """
         share = self.shares()
         ends = np.zeros((self.box.size, len(self.names)))
         ends[:, : len(share)] = matrix @ share.T
-        if len(self.names) > len(share):
-            ends[:, len(share)] = leaving_rows(matrix)
+        ends[:, len(share) :] = leaving_rows(matrix)[:, None]
         rest = matrix @ diags_array(1 - share.sum(axis=0))
         blocks = [[rest, csr_array(ends)], [None, eye_array(len(self.names))]]
         whole = block_array(blocks, format="csr")
