@@ -22,12 +22,13 @@ small: cells that are their own images, images that differ with steps of half th
 that lead to a saddle. A map that preserves volumes has groups but no attractors: results then
 report that orbits had not settled, or that most cells are periodic.
 
-**In a compiled program.** Maps, and parameters and noise in `chain`, may be traced by `jit`, `vmap`
-and `grad`; parameters in `images` and boxes in `enclose` by `jit` and `vmap`. The other functions
-run on the host.
+**In a compiled program.** Maps, and parameters and noise in `chain` and `diffusion`, may be traced
+by `jit`, `vmap` and `grad`; parameters in `images` and boxes in `enclose` by `jit` and `vmap`. The
+other functions run on the host.
 
 `images`, `basins`, `stored_basins`, `foretold`, `continuation` and `chain` map the cells of a box,
-and `moved` estimates the errors of a chain.
+and `moved` estimates the errors of a chain. `diffusion` builds the chain of a stochastic
+differential equation, and `escape` computes how long a noisy system stays in a region.
 `refined`, `edge_states`, `unstable_set`, `relative_attractor`, `morse_sets` and `enclose` find
 boundaries and invariant sets more exactly. `basin_stability`, `basin_entropy`, `wada`, `overlap`,
 `uncertainty_exponent` and `minimal_critical_shock` measure basins.

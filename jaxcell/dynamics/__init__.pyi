@@ -11,6 +11,8 @@ from .imaging import images as images
 from .large.stored import Foretold as Foretold, foretold as foretold, stored_basins as stored_basins
 from .maps import Flow as Flow, Map as Map, flow as flow, section as section, strobe as strobe
 from .noise.chains import chain as chain, moved as moved
+from .noise.diffusion import Diffusion as Diffusion, diffusion as diffusion
+from .noise.escape import Escape as Escape, escape as escape
 from .outer.images import (
     Corners as Corners,
     Intervals as Intervals,

@@ -1,3 +1,5 @@
+import functools
+import inspect
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -10,7 +12,7 @@ from scipy.special import ndtr
 
 from ...base import memory
 from ...base.doubts import warn
-from ...base.indices import as_array, check_whole
+from ...base.indices import check_whole
 from ...base.precision import require_x64
 from ...base.wide import traced
 from ...mapping import Chain, persistent_groups
@@ -18,7 +20,8 @@ from ...space.box import Box
 from ..batches import padded
 from ..imaging import check_begin, check_map, mapped_points, torn_axes
 from ..maps import Flow, Map
-from .normal import all_probabilities, transition_rows
+from .deviations import deviations_of
+from .normal import all_probabilities, distributed_rows, transition_rows
 
 
 # Largest number of probabilities that are computed at once, and the bytes for each one of a chain.
@@ -34,7 +37,7 @@ def chain(
     params: Any = None,
     *,
     samples: int = 16,
-    noise: float | Array | tuple[float | Array, ...] = 0.0,
+    noise: float | Array | tuple[float | Array, ...] | Callable[..., Any] = 0.0,
     deviations: float = 8.0,
     key: Any = None,
 ) -> Chain:
@@ -65,7 +68,10 @@ def chain(
         traced by `jit`, `vmap` and `grad`. Then every cell has every cell as an image, nothing is
         cut off, and there is no second chain. Noise along a periodic axis cannot be traced.
     - `samples`: number of points of each cell, with equal weights.
-    - `noise`: standard deviation of the noise, one number for all axes or one per axis.
+    - `noise`: standard deviation of the noise, one number for all axes or one per axis; or a
+        function `noise(x, params)` of the state before the mapping that returns either. A function
+        `noise(z, y, params)` is a distribution function instead: the probability, along each axis,
+        that the next point is at most `z` if the image is `y`; see the example of births.
     - `deviations`: number of standard deviations at which the noise is cut along each axis. The
         mass beyond it, 1.2e-15 by default, is added to the last cell within.
     - `key`: random key of JAX, by default `jax.random.key(0)`.
@@ -79,6 +85,17 @@ def chain(
         >>> walk = dynamics.chain(lambda x, p: x, ring, samples=64, noise=0.2)
         >>> int(mapping.persistent_groups(walk).count)
         1
+
+    A population that has one child per head on average, by the law of Poisson:
+
+        >>> import jax.numpy as jnp
+        >>> from jax.scipy.stats import poisson
+        >>> heads = space.Box([-0.5], [9.5], cells=[10], axes="clamp")
+        >>> births = dynamics.chain(
+        ...     lambda x, p: jnp.round(x), heads, noise=lambda z, y, p: poisson.cdf(jnp.floor(z), y)
+        ... )
+        >>> births.to_scipy()[[1]].toarray()[0, :4].round(3).tolist()
+        [0.368, 0.368, 0.184, 0.061]
     """
     require_x64("a chain of a map")
     samples = check_whole("samples", samples, 1)
@@ -87,13 +104,22 @@ def chain(
     check_map(map, box, params)
     if isinstance(map, Flow) and map.crossing:
         raise ValueError("map: noise needs equal durations of cells; give flow a number of steps")
+    law = noise if callable(noise) and len(inspect.signature(noise).parameters) == 3 else None
+    if law is not None and (traced(params) or "periodic" in box.axes):
+        raise ValueError(
+            "noise: a distribution function needs known parameters and no periodic axis"
+        )
     if traced(params, noise):
         return _traced_chain(map, box, params, samples, noise, key)
-    deviation = np.broadcast_to(np.asarray(as_array(noise, "noise"), float), (box.dimensions,))
-    if not (np.isfinite(deviation).all() and (deviation >= 0).all()):
-        raise ValueError(f"noise: expected numbers from 0, got {noise}")
+    spread = deviations_of(0.0 if law else noise, box)
+    centres = box.centre(np.arange(box.size, dtype=np.int32))
+    each = np.asarray(spread(centres, params))
+    if not (np.isfinite(each).all() and (each >= 0).all()):
+        raise ValueError(f"noise: expected finite numbers from 0, got {each.min()} to {each.max()}")
+    deviation = each.max(axis=0)
     torn_axes(map, box, [params])
     window = np.minimum(2 * np.ceil(deviations * deviation / box.width) + 2, box.cells)
+    window = np.array(box.cells, float) if law else window
     entries = 2 * box.size * window.prod()
     advice = "use fewer cells or fewer deviations"
     memory.check(_BYTES * entries, f"a chain of {box.size} cells", advice)
@@ -109,7 +135,11 @@ def chain(
             image = padded(lambda points: mapped_points(map, params, points), [points], part)
             if first == 0 and not np.isfinite(image).any():
                 check_begin(map, box, params)
-            near = transition_rows(box, image, deviation, deviations)
+            if law is not None:
+                yield distributed_rows(box, image, lambda z, y: _each(law, z, y, params))
+                continue
+            own = np.asarray(spread(points.reshape(-1, box.dimensions), params))
+            near = transition_rows(box, image, own.reshape(image.shape), deviations)
             if tail:
                 anywhere = rng.uniform(box.lower, box.upper, (cells.size, _LINKS, box.dimensions))
                 ends = np.where(deviation > 0, anywhere, image[:, :1])
@@ -128,6 +158,12 @@ def chain(
             "its old ends as a target",
         )
     return Chain(whole.image, whole.probability, half)
+
+
+@functools.partial(jax.jit, static_argnames="law")
+def _each(law: Callable[..., Any], faces: Any, images: Any, params: Any) -> Any:
+    """Evaluate a distribution function at arrays of points `[..., axes]`."""
+    return jnp.vectorize(lambda z, y: law(z, y, params), signature="(n),(n)->(n)")(faces, images)
 
 
 def moved(quantity: Callable[[Chain], Any], chain: Chain) -> Any:
@@ -165,20 +201,25 @@ def moved(quantity: Callable[[Chain], Any], chain: Chain) -> Any:
 
 def _traced_chain(map: Map, box: Box, params: Any, samples: int, noise: Any, key: Any) -> Chain:
     """Build a chain like [`chain`][] in a program that JAX traces; each cell leads to all cells."""
-    many = isinstance(noise, tuple) or np.ndim(noise)
-    noises = tuple(noise) if many else (noise,) * box.dimensions
+    spread = deviations_of(noise, box)
+    fixed = () if callable(noise) else _listed(noise, box.dimensions)
     memory.check(24 * box.size**2, f"a traced chain of {box.size} cells", "use fewer cells")
     with jax.ensure_compile_time_eval():
         shift = _shift(box, key)
     points = _points(box, np.arange(box.size, dtype=np.int32), shift, samples, 1.0)
 
     def row(points: Any) -> Any:
+        noises = fixed or tuple(spread(points, params).T)
         return all_probabilities(box, mapped_points(map, params, points[None])[0], noises)
 
     part = int(np.clip(_PART // (samples * sum(box.cells)), 1, box.size))
     rows = jax.lax.map(row, jnp.asarray(points), batch_size=part)
     cells = jnp.arange(box.size, dtype=jnp.int32)
     return Chain(jnp.broadcast_to(cells[:, None], rows.shape), rows.T)
+
+
+def _listed(noise: Any, axes: int) -> tuple[Any, ...]:
+    return tuple(noise) if isinstance(noise, tuple) or np.ndim(noise) else (noise,) * axes
 
 
 def _shift(box: Box, key: Any) -> Float[np.ndarray, "cells axes"]:

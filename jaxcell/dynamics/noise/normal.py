@@ -1,6 +1,7 @@
 """Probabilities of the cells of a box after normal noise, from its distribution function."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -22,33 +23,35 @@ _NEVER = 40
 def transition_rows(
     box: Box,
     image: Float[np.ndarray, "rows points axes"],
-    deviation: Float[np.ndarray, "axes"],
+    deviation: Float[np.ndarray, "*points axes"],
     cut: float,
 ) -> csr_array:
     """Compute the probabilities of all cells after normal noise is added to images of points.
 
-    Each row is the mean over its points. Along an axis, the probability of a cell is the difference
-    between the values of the distribution function at its two faces. Cells up to `cut` standard
+    Each row is the mean over its points, which may have deviations of their own. Along an axis, the
+    probability of a cell is the difference between the values of the distribution function at its
+    two faces. Cells up to `cut` standard
     deviations from an image have a probability. The last of these cells also gets the probability
     of all points that are farther away, so that no mass is lost. Points outside the box, and images
     that are not finite, are missing from the row.
     """
-    points, scale = image.shape[1], deviation / box.width
+    points, scale = image.shape[1], np.broadcast_to(deviation / box.width, image.shape)
     finite = np.isfinite(image).all(axis=2)
     weight = finite / points
     place = (box.wrapped(np.where(finite[..., None], image, 0.0)) - box.lower) / box.width
     # One window of cells is enough for the points of a row, if their images are near each other.
-    near = (np.ptp(place, axis=1) <= cut * scale + 1).all(axis=1)
+    near = (np.ptp(place, axis=1) <= cut * scale.max(axis=1) + 1).all(axis=1)
     far = np.flatnonzero(~near)
     parts = [
-        (np.flatnonzero(near), place[near], weight[near]),
+        (np.flatnonzero(near), place[near], weight[near], scale[near]),
         (
             np.repeat(far, points),
             place[far].reshape(-1, 1, box.dimensions),
             weight[far].reshape(-1, 1),
+            scale[far].reshape(-1, 1, box.dimensions),
         ),
     ]
-    entries = [_entries(box, *part, scale, cut) for part in parts if part[0].size]
+    entries = [_entries(box, *part, cut) for part in parts if part[0].size]
     row, column, value = (np.concatenate(each) for each in zip(*entries, strict=True))
     kept = value > 0
     entry = value[kept], (row[kept], column[kept])
@@ -60,14 +63,14 @@ def _entries(
     row: Int[np.ndarray, "windows"],
     place: Float[np.ndarray, "windows points axes"],
     weight: Float[np.ndarray, "windows points"],
-    scale: Float[np.ndarray, "axes"],
+    scale: Float[np.ndarray, "windows points axes"],
     cut: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """List rows, columns and probabilities of the cells in one window for each of the rows."""
     value = weight.reshape(*place.shape[:2], 1)
     column = np.zeros((len(row), 1), np.int64)
     for axis, (count, kind) in enumerate(zip(box.cells, box.axes, strict=True)):
-        first, along = _along(count, kind, place[..., axis], scale[axis], cut)
+        first, along = _along(count, kind, place[..., axis], scale[..., axis], cut)
         index = (first[:, None] + np.arange(along.shape[-1])) % count
         column = (count * column[:, :, None] + index[:, None]).reshape(len(row), -1)
         if axis + 1 < box.dimensions:
@@ -78,15 +81,19 @@ def _entries(
 
 
 def _along(
-    count: int, kind: Axis, place: Float[np.ndarray, "windows points"], scale: float, cut: float
+    count: int,
+    kind: Axis,
+    place: Float[np.ndarray, "windows points"],
+    scale: Float[np.ndarray, "windows points"],
+    cut: float,
 ) -> tuple[Int[np.ndarray, "windows"], Float[np.ndarray, "windows points width"]]:
     """Compute the first cell of windows along one axis, and the probabilities of their cells.
 
-    `place` and the standard deviation `scale` are in units of cells.
+    `place` and the standard deviations `scale` are in units of cells.
     """
     if kind != "periodic":
         place = np.clip(place, -1 - _NEVER * scale, count + 1 + _NEVER * scale)
-    ends = place.min(axis=1) - cut * scale, place.max(axis=1) + cut * scale
+    ends = (place - cut * scale).min(axis=1), (place + cut * scale).max(axis=1)
     first, last = (np.floor(end + TOLERANCE).astype(np.int64) for end in ends)
     width = int((last - first).max()) + 1
     if kind != "periodic":
@@ -96,9 +103,10 @@ def _along(
     leaves = kind == "sink"
     face[~(leaves & (first == 0)), :, 0] = -np.inf
     face[~(leaves & (first + width == count)), :, -1] = np.inf
-    if not scale:
-        return first, np.diff((face > TOLERANCE).astype(float))
-    return first, _between(face[..., :-1] / scale, face[..., 1:] / scale)
+    still = (scale == 0)[..., None]
+    sure = np.where(face > TOLERANCE, np.inf, -np.inf)
+    face = np.where(still, sure, face / np.where(still, 1.0, scale[..., None]))
+    return first, _between(face[..., :-1], face[..., 1:])
 
 
 def _between(low: Any, high: Any) -> Any:
@@ -117,7 +125,8 @@ def all_probabilities(
     """Compute the mean over points of the probabilities of all cells after noise, in JAX.
 
     The results are those of [`transition_rows`][] without a cut. They have derivatives by the
-    images and by `noise`, a standard deviation for each axis, where it is not the number 0.
+    images and by `noise`, a standard deviation, or one per point, for each axis, where it is not
+    the number 0.
     """
     finite = jnp.isfinite(image).all(axis=1, keepdims=True)
     place = box.wrapped(jnp.where(finite, image, 0.0))
@@ -135,17 +144,42 @@ def _along_all(
     box: Box, axis: int, place: Float[Array, "points"], noise: Any
 ) -> Float[Array, "points cells"]:
     count, kind, width = box.cells[axis], box.axes[axis], float(box.width[axis])
-    still = not traced(noise) and float(noise) == 0
+    still = not traced(noise) and not np.any(noise)
     turns = 0
     if kind == "periodic":
         if traced(noise):
             raise ValueError("noise: along a periodic axis expected a number, got a traced array")
-        turns = math.ceil(_NEVER * float(noise) / width / count)
+        turns = math.ceil(_NEVER * float(np.max(noise)) / width / count)
     faces = np.arange(-turns * count, (turns + 1) * count + 1.0)
     face = faces[None] - ((place - box.lower[axis]) / width)[:, None]
-    at = jnp.where(face > TOLERANCE, _NEVER, -_NEVER) if still else face * width / noise
+    at = (
+        jnp.where(face > TOLERANCE, _NEVER, -_NEVER)
+        if still
+        else face * width / jnp.reshape(noise, (-1, 1))
+    )
     # Far out the distribution function is constant, and has no infinite derivatives.
     at = jnp.clip(at, -_NEVER, _NEVER).astype(float)
     if kind != "sink":
         at = at.at[:, 0].set(-_NEVER).at[:, -1].set(_NEVER)
     return _between(at[:, :-1], at[:, 1:]).reshape(len(place), -1, count).sum(axis=1)
+
+
+def distributed_rows(
+    box: Box, image: Float[np.ndarray, "rows points axes"], below: Callable[[Any, Any], Any]
+) -> csr_array:
+    """Compute the probabilities of all cells for points that are distributed around images.
+
+    `below(faces, images)` is the distribution function along each axis, of arrays `[..., axes]`.
+    """
+    finite = np.isfinite(image).all(axis=2, keepdims=True)
+    place = np.where(finite, image, 0.0)
+    value = finite.astype(float) / image.shape[1]
+    faces = box.lower + np.arange(max(box.cells) + 1)[:, None] * box.width
+    each = np.asarray(below(*np.broadcast_arrays(faces, place[:, :, None])))
+    for axis, (count, kind) in enumerate(zip(box.cells, box.axes, strict=True)):
+        along = each[:, :, : count + 1, axis].copy()
+        if kind != "sink":
+            along[..., 0], along[..., -1] = 0.0, 1.0
+        chance = np.maximum(np.diff(along), 0)
+        value = (value[..., None] * chance[:, :, None]).reshape(*image.shape[:2], -1)
+    return csr_array(value.sum(axis=1))

@@ -1,0 +1,40 @@
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from ...base.wide import traced
+from ...space.box import Box
+from ..imaging import mapped_points
+from ..maps import with_params
+
+
+def deviations_of(noise: Any, box: Box) -> Callable[[Any, Any], Any]:
+    """Return the function of points `[points, axes]` and parameters that computes deviations.
+
+    `noise` is one number, one per axis, or a function of a point and parameters.
+    """
+    if callable(noise):
+        given = _Deviations(with_params(noise, 2, "noise"), box.dimensions)
+        return lambda points, params: mapped_points(given, params, points[:, None])[:, 0]
+    several = isinstance(noise, tuple) or np.ndim(noise)
+    each = tuple(noise) if several else (noise,) * box.dimensions
+    if len(each) != box.dimensions:
+        raise ValueError(f"noise: expected {box.dimensions} numbers, got {len(each)}")
+    if not traced(noise) and not all(0 <= float(one) < np.inf for one in each):
+        raise ValueError(f"noise: expected numbers from 0, got {noise}")
+    numbers = jnp.stack([jnp.asarray(one, float) for one in each])
+    return lambda points, params: jnp.broadcast_to(numbers, points.shape)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Deviations:
+    """A function of a point and parameters that returns one standard deviation per axis."""
+
+    function: Callable[..., Any]
+    axes: int
+
+    def __call__(self, x: Any, params: Any) -> Any:
+        return jnp.broadcast_to(jnp.asarray(self.function(x, params), float), (self.axes,))

@@ -1,0 +1,46 @@
+"""Sentences that say how long a noisy system stays, and where it leaves."""
+
+from typing import Any
+
+import numpy as np
+
+
+def answer_of(escape: Any) -> tuple[str, ...]:
+    """Describe an [`Escape`][jaxcell.dynamics.Escape]."""
+    early, middle, late = (_number(time) for time in escape.within)
+    error = _number(escape.mean_time_error)
+    sentences = [
+        f"It stays {_about(escape.mean_time, escape.mean_time_error)} {_units(escape)} on average "
+        f"(error {error}). 5 % of the runs leave before {early}, half before {middle}, and 5 % "
+        f"stay longer than {late}."
+    ]
+    if len(escape.end) > 1:
+        order = np.argsort(-escape.probability, kind="stable")
+        shares = [f"{escape.end[k]} {escape.probability[k]:.1%}" for k in order[:4]]
+        sentences.append(f"It leaves to: {', '.join(shares)}.")
+    if escape.elasticity is not None:
+        order = np.argsort(-np.abs(escape.elasticity), kind="stable")
+        each = [_effect(escape.cause[k], escape.elasticity[k]) for k in order[:4]]
+        sentences.append(f"{'; '.join(each)}.")
+    return tuple(sentences)
+
+
+def _units(escape: Any) -> str:
+    return "time units" if escape.continuous else "mappings"
+
+
+def _number(value: float) -> str:
+    return f"{value:.2g}" if abs(value) < 10 else f"{value:.3g}"
+
+
+def _about(value: float, error: float) -> str:
+    """Write a number with the digits that its error leaves."""
+    if not 0 < error < value < np.inf:
+        return _number(value)
+    digits = int(np.clip(np.ceil(np.log10(value / error)) + 1, 2, 6))
+    return f"{value:.{digits}g}"
+
+
+def _effect(name: str, elasticity: float) -> str:
+    word = "more" if elasticity > 0 else "less"
+    return f"1 % more {name}: {abs(elasticity):.2g} % {word} time"
