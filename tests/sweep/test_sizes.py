@@ -102,3 +102,45 @@ def test_a_job_leaves_room_in_memory(spec, monkeypatch):
     job = work.Job.of(spec, [spec.chunk(0)], 1, True)
     # It grew by 20 bytes, and may grow by a quarter of those that are free.
     assert [work.compute(job).room for _ in range(2)] == [1, 50]
+
+
+STUDY = """
+import dataclasses
+from typing import ClassVar
+
+import numpy as np
+
+from jaxcell.base.quantities import quantity
+from jaxcell.study import Study
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Root(Study):
+    '''Find a root.'''
+
+    varied: ClassVar[tuple[str, ...]] = ("x",)
+
+    x: float
+    '''A number.'''
+
+    def numbers(self, columns, wanted):
+        if (columns["x"] < 0).any():
+            raise RuntimeError("the certificate of a member fails")
+        return {"root": (quantity("", "root of the number", "m"), np.sqrt(columns["x"]))}
+"""
+
+
+@pytest.mark.usefixtures("large")
+def test_a_member_without_certificate_is_found_in_its_batch(tmp_path):
+    (tmp_path / "root.py").write_text(STUDY)
+    path = tmp_path / "spec.toml"
+    path.write_text(
+        f'task = "{tmp_path}/root.py:Root"\n[grid]\nx = {{start = -1, stop = 999, step = 1}}'
+    )
+    status = run_sweep(Spec.load(path), tmp_path / "out")
+    (failure,) = status.failures
+    assert failure.parameters == {"x": -1}
+    assert failure.message == "RuntimeError: the certificate of a member fails"
+    with open_sweep(tmp_path / "out") as dataset:
+        np.testing.assert_array_equal(dataset.root.values[1:], np.sqrt(np.arange(999)))
+        assert np.isnan(dataset.root.values[0])
