@@ -272,8 +272,8 @@ def compute(job: Job) -> Computed | Failed:
         return failure(error)
 
 
-# The tasks and numbers of members that this process has computed, and so has compiled.
-_computed: set[tuple[str, int]] = set()
+# The bytes by which this process grew when it first computed a number of members of a task.
+_grown: dict[str, dict[int, int]] = {}
 
 
 @contextlib.contextmanager
@@ -281,17 +281,20 @@ def _measured(task: str, members: int) -> Iterator[Callable[[], float]]:
     """Measure a call of a task. Yield a function that returns `Computed.room` afterwards."""
     room, before, began = 1.0, _peak(), time.perf_counter()
     yield lambda: room
-    seconds, grown = time.perf_counter() - began, _peak() - before
-    if (task, members) in _computed:
-        left = free() if grown else None
-        fits = math.inf if left is None else _SHARE * left / grown
+    seconds, known = time.perf_counter() - began, _grown.setdefault(task, {})
+    if members in known:
+        left = free() if known[members] else None
+        fits = math.inf if left is None else _SHARE * left / known[members]
         room = min(JOB_SECONDS / seconds, fits, _MOST_ROOM)
-    _computed.add((task, members))
+    else:
+        # The first call of all imports modules, which takes memory once.
+        known[members] = _peak() - before if known else 0
 
 
 def _peak() -> int:
     """Return the largest number of bytes that this process has had in memory."""
-    return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    unit = 1 if sys.platform == "darwin" else 1024
+    return unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def failure(error: BaseException) -> Failed:
