@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -11,10 +11,6 @@ import numpy as np
 from ..base.quantities import Quantity
 from ..study import Study
 from ..study.study import every
-
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 Asked = TypeVar("Asked", bound=Study)
@@ -68,14 +64,13 @@ def study_task(
     fixed: Mapping[str, Any],
     seed: int,
     results: Sequence[str] = (),
-) -> "xr.Dataset":
+) -> dict[str, tuple[str, np.ndarray, dict[str, str]]]:
     """Compute the scalar quantities of a study for each member of a batch.
 
     `results` are the names of the quantities, by default all. Members that differ only in
-    parameters in `Study.varied` are computed together.
+    parameters in `Study.varied` are computed together. **Returns:** the variables of a Dataset:
+    xarray, whose import takes longer than that of JAX, is not imported.
     """
-    import xarray as xr
-
     members = _members(batch)
     found: dict[str, tuple[Quantity, list[tuple[np.ndarray, np.ndarray]]]] = {}
     for rows, one, columns in _together(study, batch, fixed, seed):
@@ -87,7 +82,7 @@ def study_task(
             f"results: {study.__name__} has no number {missing[0]!r}; without `results` a sweep "
             "has all of them"
         )
-    dataset = xr.Dataset()
+    variables = {}
     for name, (about, parts) in found.items():
         # If a member does not have a number, NaN stands in its place.
         whole = sum(rows.size for rows, _ in parts) == members
@@ -96,8 +91,8 @@ def study_task(
         for rows, value in parts:
             column[rows] = value
         attributes = {"long_name": about.meaning, "units": about.units or "1"}
-        dataset[name] = ("member", column, attributes)
-    return dataset
+        variables[name] = ("member", column, attributes)
+    return variables
 
 
 def check_members(

@@ -190,7 +190,7 @@ def test_member_of_a_sweep_has_the_single_numbers(case, name):
     changed = {key: one for key, one in given.items() if getattr(study, key) != default(study, key)}
     columns = np.broadcast_arrays(*(changed.pop(name) for name in study.varied))
     batch = {name: np.atleast_1d(one) for name, one in zip(study.varied, columns, strict=True)}
-    member = study_task(type(study), batch, changed, seed=getattr(study, "seed", 0))
+    member = xr.Dataset(study_task(type(study), batch, changed, seed=getattr(study, "seed", 0)))
     dims = ("bounce",) if "bounce" in study.varied else ()
     for key, (about, value) in values(result, lambda _, one: one.dims in ((), dims)).items():
         kind = np.asarray(value).dtype.kind

@@ -35,7 +35,7 @@ def small(spec, tmp_path, monkeypatch):
 @pytest.fixture(autouse=True)
 def new_process(monkeypatch):
     """This process has computed no task yet."""
-    monkeypatch.setattr(work, "_computed", set())
+    monkeypatch.setattr(work, "_grown", {})
 
 
 @pytest.mark.usefixtures("large")
@@ -97,8 +97,51 @@ def test_a_member_of_a_large_job_fails_alone(spec, tmp_path, task):
 def test_a_job_leaves_room_in_memory(spec, monkeypatch):
     monkeypatch.setattr(work, "JOB_SECONDS", math.inf)
     monkeypatch.setattr(work, "free", lambda: 4000)
-    peaks = iter([0, 0, 5000, 5020])
+    # The first call grows by the modules that it imports, and the first one of four by 20 bytes.
+    peaks = iter([0, 5000, 5000, 5020, 5020])
     monkeypatch.setattr(work, "_peak", lambda: next(peaks))
-    job = work.Job.of(spec, [spec.chunk(0)], 1, True)
-    # It grew by 20 bytes, and may grow by a quarter of those that are free.
-    assert [work.compute(job).room for _ in range(2)] == [1, 50]
+    two, four = (work.Job.of(spec, [spec.chunk(0)], count, True) for count in (1, 2))
+    # A job may grow by a quarter of the bytes that are free.
+    assert [work.compute(job).room for job in (two, two, four, four)] == [1, 100, 1, 50]
+
+
+STUDY = """
+import dataclasses
+from typing import ClassVar
+
+import numpy as np
+
+from jaxcell.base.quantities import quantity
+from jaxcell.study import Study
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Root(Study):
+    '''Find a root.'''
+
+    varied: ClassVar[tuple[str, ...]] = ("x",)
+
+    x: float
+    '''A number.'''
+
+    def numbers(self, columns, wanted):
+        if (columns["x"] < 0).any():
+            raise RuntimeError("the certificate of a member fails")
+        return {"root": (quantity("", "root of the number", "m"), np.sqrt(columns["x"]))}
+"""
+
+
+@pytest.mark.usefixtures("large")
+def test_a_member_without_certificate_is_found_in_its_batch(tmp_path):
+    (tmp_path / "root.py").write_text(STUDY)
+    path = tmp_path / "spec.toml"
+    path.write_text(
+        f'task = "{tmp_path}/root.py:Root"\n[grid]\nx = {{start = -1, stop = 999, step = 1}}'
+    )
+    status = run_sweep(Spec.load(path), tmp_path / "out")
+    (failure,) = status.failures
+    assert failure.parameters == {"x": -1}
+    assert failure.message == "RuntimeError: the certificate of a member fails"
+    with open_sweep(tmp_path / "out") as dataset:
+        np.testing.assert_array_equal(dataset.root.values[1:], np.sqrt(np.arange(999)))
+        assert np.isnan(dataset.root.values[0])

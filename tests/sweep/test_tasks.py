@@ -4,6 +4,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+import xarray as xr
 from hypothesis import given, strategies as st
 
 from jaxcell import bounce
@@ -52,9 +53,8 @@ def lab(**changes):
 
 
 def test_filters_are_those_of_the_dissertation():
-    columns = find_task("localize")(
-        {"bounce": np.array([45.0, 135.0])}, {"map": LAB, "collision": "endpoint"}, 0
-    )
+    batch = {"bounce": np.array([45.0, 135.0])}
+    columns = columns_of("localize", batch, {"map": LAB, "collision": "endpoint"}, 0)
     # Tables 2.1 and 2.2.
     assert columns.nfa_states.values.tolist() == [153, 153]
     assert columns.dfa_states.values.tolist() == [129, 124]
@@ -63,6 +63,10 @@ def test_filters_are_those_of_the_dissertation():
     assert columns.largest_uncertainty.values.tolist() == [4, 2]
     filter = bounce.localization_filter(bounce.bounce_map(lab(), math.pi / 4, motion=ENDPOINT))
     assert columns.minimal_states[0] == len(minimize(filter).transition)
+
+
+def columns_of(task, *given):
+    return xr.Dataset(find_task(task)(*given))
 
 
 ROOMS = {"columns": 9, "rows": 7, "obstacles": 2, "directions": 24}
@@ -77,7 +81,7 @@ def test_rooms_do_not_depend_on_the_batch(pairs, data):
             "room": np.array([r for r, _ in some]),
             "bounce": np.array([15 * a for _, a in some]),
         }
-        return find_task("rooms")(batch, ROOMS, 7)
+        return columns_of("rooms", batch, ROOMS, 7)
 
     whole = run(pairs)
     cut = data.draw(st.integers(1, len(pairs)))
@@ -90,7 +94,7 @@ def test_rooms_do_not_depend_on_the_batch(pairs, data):
 
 
 def test_rooms_are_the_rooms_of_their_numbers():
-    columns = find_task("rooms")({"room": np.array([0, 5])}, {**ROOMS, "bounce": 90}, 3)
+    columns = columns_of("rooms", {"room": np.array([0, 5])}, {**ROOMS, "bounce": 90}, 3)
     for i, number in enumerate((0, 5)):
         free = random_room(3, number, 9, 7, 2)
         cells = CellSpace.of_grid(free, 24)
@@ -98,15 +102,15 @@ def test_rooms_are_the_rooms_of_their_numbers():
         assert columns.positions[i] == free.sum()
         assert columns["count"][i] == int(expected.count)
         assert columns.longest_transient[i] == int(expected.step.max())
-    environment = find_task("rooms")(
-        {"room": np.array([2])}, {"environment": "E3", "bounce": 90, "directions": 4}, 0
+    environment = columns_of(
+        "rooms", {"room": np.array([2])}, {"environment": "E3", "bounce": 90, "directions": 4}, 0
     )
     assert environment.positions[0] == place(0, "E3", 2).free.sum()
 
 
 def test_observed_drifters_give_one_number_per_member():
     batch, fixed = {"lag": np.array([5.0, 10.0])}, {"file": DRIFTERS, "cell": 3, "samples": 2}
-    columns = find_task("drifters")(batch, fixed, 0)
+    columns = columns_of("drifters", batch, fixed, 0)
     assert columns.cells.values.tolist() == [40, 40]
     assert columns.moves.values[1] < columns.moves.values[0] == 3722
     assert columns.drifters.values.tolist() == [200, 200]

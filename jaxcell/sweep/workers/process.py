@@ -11,13 +11,13 @@ from collections.abc import Mapping
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 
-from .work import Computed, Failed, Job, compute
+from .work import Computed, Failed, Job, compute, prepare
 
 
 # Number of crashed workers after which a job counts as failed.
 _MAX_DEATHS = 3
 START_SECONDS = 600.0
-"""Seconds after which a worker that has not said its first word counts as dead."""
+"""Seconds after which a worker that has not said its first words counts as dead."""
 
 
 class Worker:
@@ -47,17 +47,22 @@ class Worker:
     def compute(self, job: Job, timeout: float | None) -> Computed | Failed:
         """Compute a job. The timeout in seconds does not include the start of the process."""
         try:
-            if not self._ready:
-                if not self._connection.poll(START_SECONDS):
-                    raise EOFError
-                self._connection.recv()
-                self._ready = True
+            self._await_word()
             self._connection.send(job)
+            self._await_word()
+            self._ready = True
             if not self._connection.poll(timeout):
                 raise TimeoutError
             return self._connection.recv()
         except ConnectionError as error:
             raise EOFError from error
+
+    def _await_word(self) -> None:
+        """Wait until a new worker has started, and until it has imported what its job needs."""
+        if not self._ready:
+            if not self._connection.poll(START_SECONDS):
+                raise EOFError
+            self._connection.recv()
 
     def end(self) -> None:
         """Kill the worker and the processes of its task."""
@@ -121,10 +126,10 @@ def serve(descriptor: int) -> None:
         os.killpg(0, signal.SIGKILL)
 
     threading.Thread(target=read, daemon=True).start()
-    # Results are datasets. Import xarray, which takes a second, before the time of a job begins.
-    import xarray as xr
-
-    xr.Dataset({"x": ("x", [0])})
+    connection.send(None)
+    job = jobs.get()
+    prepare(job)
     connection.send(None)
     while True:
-        connection.send(compute(jobs.get()))
+        connection.send(compute(job))
+        job = jobs.get()

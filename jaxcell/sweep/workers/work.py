@@ -12,9 +12,9 @@ import socket
 import sys
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -29,11 +29,7 @@ from ..spec import Chunk, Spec
 from ..study_task import check_members, study_task
 
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-
-Task = Callable[[Mapping[str, np.ndarray], Mapping[str, Any], int], "xr.Dataset"]
+Task = Callable[[Mapping[str, np.ndarray], Mapping[str, Any], int], Any]
 
 _WIDE = "JAX_ENABLE_X64"
 # Type codes of the numbers and booleans that Zarr supports.
@@ -106,9 +102,9 @@ class Variable:
 class Computed:
     """The result of a job."""
 
-    variables: Mapping[str, Variable]
+    variables: dict[str, Variable]
     "The variables, keyed by name; the first dimension of their arrays is `member`."
-    coordinates: Mapping[str, Variable]
+    coordinates: dict[str, Variable]
     "The coordinates of the other dimensions, equal in all chunks."
     room: float = 1.0
     """The factor by which a job may be larger to take a second and to fit in memory; 1 if it is
@@ -175,9 +171,12 @@ def find_task(name: str, results: tuple[str, ...] = ()) -> Task:
 
 def study_of(task: str) -> type[Study] | None:
     """Return the study that a task runs, or `None` if the task is a function."""
-    target = find_task(task)
-    if isinstance(target, functools.partial) and target.func is study_task:
-        return target.args[0]
+    return _study(find_task(task))
+
+
+def _study(task: Task) -> type[Study] | None:
+    if isinstance(task, functools.partial) and task.func is study_task:
+        return task.args[0]
     return None
 
 
@@ -240,6 +239,17 @@ def jax_is_wide() -> bool:
     return os.environ.get(_WIDE, "").lower() in ("1", "true", "t", "yes", "y", "on")
 
 
+def prepare(job: Job) -> None:
+    """Import what a job needs, before its time begins. Errors are left to `compute`."""
+    os.environ[_WIDE] = str(int(job.wide))
+    with contextlib.suppress(Exception, SystemExit):
+        if study_of(job.task) is None:
+            import xarray as xr
+
+            # The first Dataset imports Dask.
+            xr.Dataset({"x": ("x", [0])})
+
+
 def compute(job: Job) -> Computed | Failed:
     """Compute a job. Exceptions are returned as `Failed`."""
     try:
@@ -253,7 +263,8 @@ def compute(job: Job) -> Computed | Failed:
         batch = {name: values[rows] for name, values in job.batch.items()}
         with _measured(job.task, rows.size) as measured:
             found = task(batch, job.fixed, job.seed)
-        return dataclasses.replace(_arrays(found, batch, members), room=measured())
+        columns, coordinates = (found, set()) if _study(task) else _columns(found, batch)
+        return dataclasses.replace(_arrays(columns, coordinates, batch, members), room=measured())
     except FileNotFoundError as error:
         failed = failure(error)
         return dataclasses.replace(failed, message=f"{failed.message} (on {socket.gethostname()})")
@@ -263,8 +274,8 @@ def compute(job: Job) -> Computed | Failed:
         return failure(error)
 
 
-# The tasks and numbers of members that this process has computed, and so has compiled.
-_computed: set[tuple[str, int]] = set()
+# The bytes by which this process grew when it first computed a number of members of a task.
+_grown: dict[str, dict[int, int]] = {}
 
 
 @contextlib.contextmanager
@@ -272,17 +283,20 @@ def _measured(task: str, members: int) -> Iterator[Callable[[], float]]:
     """Measure a call of a task. Yield a function that returns `Computed.room` afterwards."""
     room, before, began = 1.0, _peak(), time.perf_counter()
     yield lambda: room
-    seconds, grown = time.perf_counter() - began, _peak() - before
-    if (task, members) in _computed:
-        left = free() if grown else None
-        fits = math.inf if left is None else _SHARE * left / grown
+    seconds, known = time.perf_counter() - began, _grown.setdefault(task, {})
+    if members in known:
+        left = free() if known[members] else None
+        fits = math.inf if left is None else _SHARE * left / known[members]
         room = min(JOB_SECONDS / seconds, fits, _MOST_ROOM)
-    _computed.add((task, members))
+    else:
+        # The first call of all imports modules, which takes memory once.
+        known[members] = _peak() - before if known else 0
 
 
 def _peak() -> int:
     """Return the largest number of bytes that this process has had in memory."""
-    return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    unit = 1 if sys.platform == "darwin" else 1024
+    return unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def failure(error: BaseException) -> Failed:
@@ -292,44 +306,55 @@ def failure(error: BaseException) -> Failed:
     return Failed(f"{name}: {message}" if message else name, "\n".join(lines[-_MAX_LINES:]))
 
 
-def _arrays(dataset: Any, batch: Mapping[str, np.ndarray], members: int) -> Computed:
-    """Check the result of a task; convert the values of its first `members` members to arrays."""
+def _arrays(
+    columns: Mapping[str, Any],
+    coordinates: Collection[str],
+    batch: Mapping[str, np.ndarray],
+    members: int,
+) -> Computed:
+    """Check the variables of a result; convert the values of its first members to arrays."""
+    taken = {*batch, "status", "sample"}
+    computed = Computed({}, {})
+    for name, (dimensions, values, attributes) in columns.items():
+        dims = (dimensions,) if isinstance(dimensions, str) else dimensions
+        for used in (name, *dims):
+            if not str(used).isidentifier() or used in taken:
+                raise ValueError(
+                    f"the task gave {name!r} of dimensions {dims}; expected names of "
+                    "letters, digits and underscores, other than status, sample and parameters"
+                )
+        if values.dtype.char not in _CODES + "U" * (name in coordinates):
+            raise ValueError(
+                f"the task gave {name!r} of kind {values.dtype}; expected numbers or booleans"
+            )
+        array = np.ascontiguousarray(values, values.dtype.newbyteorder("="))
+        about = json.loads(json.dumps(attributes, default=_plain))
+        if name in coordinates:
+            computed.coordinates[name] = Variable((name,), array, about)
+        elif dims[:1] == (LIST_DIMENSION,):
+            inner = tuple(map(str, dims[1:]))
+            computed.variables[name] = Variable(inner, array[:members], about)
+        else:
+            raise ValueError(
+                f"the task gave {name!r} of dimensions {dims}; expected {LIST_DIMENSION} "
+                "as the first"
+            )
+    return computed
+
+
+def _columns(dataset: Any, batch: Mapping[str, np.ndarray]) -> tuple[dict[str, Any], set[str]]:
+    """Return the variables of a Dataset by name, and the names of its coordinates."""
     import xarray as xr
 
     if not isinstance(dataset, xr.Dataset):
         raise TypeError(f"the task gave {type(dataset).__name__}; expected an xarray.Dataset")
-    taken = {*batch, "status", "sample"}
     dataset = dataset.drop_vars(LIST_DIMENSION, errors="ignore").reset_coords()
     expected, length = len(next(iter(batch.values()))), dataset.sizes.get(LIST_DIMENSION)
     if length != expected:
         raise ValueError(f"the task gave {length} members; expected {expected}")
-    variables: dict[str, Variable] = {}
-    coordinates: dict[str, Variable] = {}
-    for key, array in dataset.variables.items():
-        name = str(key)
-        for used in (name, *array.dims):
-            if not str(used).isidentifier() or used in taken:
-                raise ValueError(
-                    f"the task gave {name!r} of dimensions {array.dims}; expected names of "
-                    "letters, digits and underscores, other than status, sample and parameters"
-                )
-        if array.dtype.char not in _CODES + "U" * (name in dataset.coords):
-            raise ValueError(
-                f"the task gave {name!r} of kind {array.dtype}; expected numbers or booleans"
-            )
-        values = np.ascontiguousarray(array.values, array.dtype.newbyteorder("="))
-        attributes = json.loads(json.dumps(array.attrs, default=_plain))
-        if name in dataset.coords:
-            coordinates[name] = Variable((name,), values, attributes)
-        elif array.dims[:1] == (LIST_DIMENSION,):
-            dimensions = tuple(map(str, array.dims[1:]))
-            variables[name] = Variable(dimensions, values[:members], attributes)
-        else:
-            raise ValueError(
-                f"the task gave {name!r} of dimensions {array.dims}; expected {LIST_DIMENSION} "
-                "as the first"
-            )
-    return Computed(variables, coordinates)
+    variables = dataset.variables.items()
+    columns = {str(name): (one.dims, one.values, one.attrs) for name, one in variables}
+    return columns, {*map(str, dataset.coords)}
 
 
 def _plain(value: Any) -> Any:
