@@ -1,6 +1,7 @@
 import dataclasses
 import math
 
+import networkx as nx
 import numpy as np
 from jaxtyping import Float, Int, Integer
 
@@ -74,17 +75,14 @@ def _columns(
     transition: Integer[np.ndarray, "states 2"], states: Integer[np.ndarray, "drawn"]
 ) -> Float[np.ndarray, "drawn 2"]:
     """Place states in columns by their distance from the start, ordered so that edges are short."""
-    # States are numbered in breadth-first order: the first edge into a state is on a shortest path.
-    depth = np.full(len(transition), -1)
-    depth[0] = 0
-    for state, targets in enumerate(transition):
-        fresh = targets[(targets >= 0) & (depth[targets] < 0)]
-        depth[fresh] = depth[state] + 1
-
-    drawn = np.zeros(len(transition), bool)
-    drawn[states] = True
     source, target = np.repeat(np.arange(len(transition)), 2), transition.ravel()
-    linked = (target >= 0) & drawn[source] & drawn[target]
+    source, target = source[target >= 0], target[target >= 0]
+    graph = nx.DiGraph(zip(source.tolist(), target.tolist(), strict=True))
+    depth = np.full(len(transition), -1)
+    for distance, reached in enumerate(nx.bfs_layers(graph, 0)):
+        depth[reached] = distance
+
+    linked = np.isin(source, states) & np.isin(target, states)
     source, target = source[linked], target[linked]
     columns = [states[depth[states] == d] for d in np.unique(depth[states])]
     height = np.zeros(len(transition))

@@ -1,6 +1,6 @@
 """Curves of numbers over a whole timeline."""
 
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal
 
 import numpy as np
 import rerun as rr
@@ -11,8 +11,6 @@ from .palette import BELIEF, Color
 
 
 _MIN_COUNT = 10
-
-Shape: TypeAlias = Literal["Linear", "StepAfter", "StepBefore"]
 
 
 def log_curve(
@@ -52,7 +50,7 @@ def log_curve_style(
     path: str,
     color: Color = BELIEF,
     name: str | None = None,
-    shape: Shape = "StepAfter",
+    shape: Literal["Linear", "StepAfter", "StepBefore"] = "StepAfter",
     width: float = 2.0,
 ) -> None:
     """Log the style of a curve, by default a step function that changes at the logged times."""

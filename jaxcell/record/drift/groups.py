@@ -67,21 +67,20 @@ def group_classes(
     has a paler shade.
     """
     transient = layer.begins.transient
-    classes = [PictureClass("land", CLEAR)]
     groups = np.argsort(rank)[:_MAX_CLASSES].tolist()
-    # The last entry is for cells that are not persistent.
+    parts = np.argsort(-np.asarray(transient.size), kind="stable")[:_MAX_CLASSES].tolist()
+    classes = [
+        PictureClass("land", CLEAR),
+        *(PictureClass(f"persistent group {rank[k]}", home_color(int(rank[k]))) for k in groups),
+        PictureClass("a smaller persistent group", _OTHERS),
+        *(_transient_class(transient.domiciles[k], rank) for k in parts),
+        PictureClass("transient", _SEVERAL),
+    ]
+    # The last entry of each array is for the cells of the other kind.
     of_group = np.full(rank.size + 1, 1 + len(groups))
     of_group[groups] = 1 + np.arange(len(groups))
-    classes += [
-        PictureClass(f"persistent group {rank[group]}", home_color(int(rank[group])))
-        for group in groups
-    ]
-    classes.append(PictureClass("a smaller persistent group", _OTHERS))
-    order = np.argsort(-np.asarray(transient.size), kind="stable")[:_MAX_CLASSES].tolist()
-    of_part = np.full(transient.count + 1, len(classes) + len(order))
-    of_part[order] = len(classes) + np.arange(len(order))
-    classes += [_transient_class(transient.domiciles[number], rank) for number in order]
-    classes.append(PictureClass("transient", _SEVERAL))
+    of_part = np.full(transient.count + 1, len(classes) - 1)
+    of_part[parts] = 2 + len(groups) + np.arange(len(parts))
     part = of_part[np.asarray(transient.group)]
     return np.where(layer.transient, part, of_group[layer.group]).astype(np.uint8), classes
 

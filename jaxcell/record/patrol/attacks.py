@@ -1,5 +1,3 @@
-import builtins
-
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -17,11 +15,16 @@ from ..canvas.stream import send_changing
 from .sight import BASE_VIEW, SEEN, log_sight, place
 
 
-_STATES: dict[AttackState, tuple[str, Color]] = {
-    AttackState.WAITING: ("the target, not attacked", palette.PLAIN),
-    AttackState.ATTACKING: ("an attack goes on", palette.CATEGORIES["yellow"]),
-    AttackState.CAUGHT: ("it was caught", palette.KNOWN),
-    AttackState.SUCCEEDED: ("it succeeded", palette.TARGET),
+# For each state of an attack, the label of the target, the text of the legend, and the colour.
+_STATES: dict[AttackState, tuple[str, str, Color]] = {
+    AttackState.WAITING: ("target", "the target, not attacked", palette.PLAIN),
+    AttackState.ATTACKING: (
+        "attack: step {} of {}",
+        "an attack goes on",
+        palette.CATEGORIES["yellow"],
+    ),
+    AttackState.CAUGHT: ("caught", "it was caught", palette.KNOWN),
+    AttackState.SUCCEEDED: ("succeeded", "it succeeded", palette.TARGET),
 }
 _SEVERAL = palette.tint(palette.PLAIN, 0.3)
 
@@ -40,7 +43,7 @@ def log_attacks(map: CellMap, patrol: PatrolledMap, spec: Spec) -> rrb.Container
     ends = {AttackState.CAUGHT: attacks.caught, AttackState.SUCCEEDED: attacks.succeeded}
     for end, values in ends.items():
         name = end.name.lower()
-        log_curve(stream, f"attacks/{name}", values, color=_STATES[end][1], name=name)
+        log_curve(stream, f"attacks/{name}", values, color=_STATES[end][2], name=name)
     seen = ["grid/seen", "sight/**", "robots/**", "target", "attack", "attack_label", "base"]
     most = int(max(attacks.caught[-1], attacks.succeeded[-1]))
     views = rrb.Vertical(
@@ -56,14 +59,10 @@ def _log_target(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
     """Log the target; its colour and label show the state of the attack."""
     stream, side, times = map.stream, patrol.cells.cell, np.arange(len(attacks.state))
     target, steps = patrol.xy[patrol.attack.target], patrol.attack.attack_time[0]
-    states = list(builtins.map(AttackState, attacks.state.tolist()))
-    labels = {AttackState.WAITING: "target", AttackState.CAUGHT: "caught"}
-    labels[AttackState.SUCCEEDED] = "succeeded"
-    shown = [
-        labels.get(state, f"attack: step {count} of {steps}")
-        for state, count in zip(states, attacks.since.tolist(), strict=True)
-    ]
-    colors = [(*_STATES[state][1], 255) for state in states]
+    states = [_STATES[AttackState(state)] for state in attacks.state.tolist()]
+    since = zip(states, attacks.since.tolist(), strict=True)
+    shown = [label.format(count, steps) for (label, _, _), count in since]
+    colors = [(*color, 255) for _, _, color in states]
     style = {"positions": [target], "radii": 0.3 * side, "draw_order": 50}
     send_changing(stream, "map/attack", rr.Points2D, times, style=style, colors=colors)
     cell = np.array([patrol.attack.target])
@@ -101,7 +100,7 @@ def _legend(patrol: PatrolledMap) -> list[tuple[str, Color]]:
         legend.append(("in view of several robots", _SEVERAL))
     if patrol.regions is not None:
         legend.append(("in view of the base station", BASE_VIEW))
-    return [*legend, *_STATES.values()]
+    return [*legend, *((text, color) for _, text, color in _STATES.values())]
 
 
 def _text(patrol: PatrolledMap, attacks: Attacks, spec: Spec) -> str:

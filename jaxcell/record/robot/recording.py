@@ -10,16 +10,24 @@ import rerun.blueprint as rrb
 
 from ...automata import Belief, Filter, Policy
 from ...space import CellSpace
-from ..canvas.belief import MAX_ARROWS, arrows, log_belief_style, log_shades, robot_length, shades
+from ..canvas.belief import (
+    MAX_ARROWS,
+    arrows,
+    heat,
+    heat_scale,
+    log_belief_style,
+    log_shades,
+    robot_length,
+    shades,
+)
 from ..canvas.curves import curve_view, log_curve_style
-from ..canvas.map import CellMap, on_squares
+from ..canvas.map import CellMap, log_classes, on_squares
 from ..canvas.marks import points
 from ..canvas.page import log_text
 from ..canvas.palette import BELIEF, CATEGORIES, KNOWN, OBSTACLE, TRAIL, Color, mix, robot_color
 from ..canvas.prose import counted, made_with
 from ..canvas.stream import check_name, fixed, new_stream, recording_name
 from ..viewer import viewer_sink
-from .belief_heat import BeliefHeat
 from .track import NOWHERE, RecordedRobot, Track, longer_trail
 
 
@@ -29,6 +37,8 @@ _LOOK = 0.2
 _SPEED = 8.0
 _ESTIMATE: Color = CATEGORIES["pink"]
 _TOUCH: Color = CATEGORIES["sky blue"]
+# Largest number of cells of a credible set that are shown as arrows.
+_FEW = 24
 _DONE = ("localized", "arrived", "patrolled")
 
 
@@ -92,7 +102,12 @@ class RobotRecording:
             raise ValueError(
                 f"filter: it has {filter.uncertainty[0]} cells, but the map has {known.size}"
             )
-        self._heat = None if belief is None or known is None else BeliefHeat(belief, known)
+        if belief is not None and known is not None and belief.hidden.configurations > known.size:
+            raise ValueError(
+                f"belief: it has {belief.hidden.configurations} cells, but the map has {known.size}"
+            )
+        self._belief = None if known is None else belief
+        self._state = None if belief is None else belief.start()
         self._path, self._cells, self._filter = path, cells, filter
         self._map: CellMap | None = None
         self._spec = dict(spec or {})
@@ -123,8 +138,7 @@ class RobotRecording:
         if self._filter is not None:
             size, color = int(self._filter.uncertainty[0]), int(self._filter.color[0])
             self._log_filter(self._robots[0], 0, size, color)
-        if self._heat is not None:
-            self._heat.log(self._stream)
+        self._log_belief()
         for robot in self._robots:
             self._log_estimate(robot, (0.0, 0.0, 0.0))
         self._watcher.start()
@@ -217,8 +231,9 @@ class RobotRecording:
             text += f"; it is in one of {counted(size, 'cell')} with probability 0.95"
             self._log_scalar(robot, "belief/credible", size)
             self._log_scalar(robot, "belief/nowhere", nowhere)
-            if self._heat is not None:
-                self._heat.observe(self._stream, bumped)
+            if self._belief is not None and self._state is not None:
+                self._state = self._belief.observe(self._state, bumped)
+                self._log_belief()
         self._log_line(robot, text, "INFO")
 
     def _log_filter(self, robot: Track, state: int | None, size: int, color: int) -> None:
@@ -236,6 +251,17 @@ class RobotRecording:
         picture = on_squares(cells, shades(cells, robot.cells))
         self._stream.log("map/grid/belief", rr.SegmentationImage(picture))
 
+    def _log_belief(self) -> None:
+        """Log the belief, if any, as a heat map, and its credible set as arrows if it is small."""
+        if self._belief is None or self._state is None or self._cells is None:
+            return
+        share = self._belief.hidden.by_position(self._state.weight, self._cells.positions)
+        picture = on_squares(self._cells, heat(share))
+        self._stream.log("map/grid/heat", rr.SegmentationImage(picture))
+        known = self._belief.estimate(self._state).cells
+        origins, vectors = arrows(self._cells, known if known.size <= _FEW else NOWHERE)
+        self._stream.log("map/credible", rr.Arrows2D(origins=origins, vectors=vectors))
+
     def _log_estimate(self, robot: Track, estimate: Sequence[float]) -> None:
         place = robot.estimated(estimate)[None]
         robot.believed = longer_trail(robot.believed, place)
@@ -251,6 +277,9 @@ class RobotRecording:
             log_belief_style(self._stream, self._of_filter)
             log_shades(self._stream)
             styles.append(("map/candidates", rr.Boxes2D, KNOWN, points(2.5), 30))
+        if self._belief is not None:
+            log_classes(self._stream, "map/grid/heat", heat_scale().classes)
+            styles.append(("map/credible", rr.Arrows2D, KNOWN, points(2.0), 20))
         for robot in self._robots:
             name, color, radius = robot.about.name, robot.color, robot.about.radius
             estimate, line = f"{self._frame(robot)}/estimates/{name}", rr.LineStrips2D
@@ -275,8 +304,6 @@ class RobotRecording:
         curves |= {"belief/credible": BELIEF, "belief/nowhere": _ESTIMATE}
         for path, color in curves.items():
             log_curve_style(self._stream, path, color)
-        if self._heat is not None:
-            self._heat.log_style(self._stream)
 
     def _log_scalar(self, robot: Track, path: str, value: int | float) -> None:
         robot.scalars[path] = value
@@ -314,7 +341,7 @@ class RobotRecording:
         if self._filter is not None:
             charts.append(("filter/uncertainty", "Cells where it may be", None))
             charts.append(("filter/color", "Colour of the filter", int(self._filter.color.max())))
-        if self._heat is not None:
+        if self._belief is not None:
             charts.append(("belief/credible", "Cells of the credible set, 95 %", None))
             charts.append(("belief/nowhere", "Probability of being nowhere", 1.0))
         charts.append(("robot", "Bumps (1) and steps (0)", None))
@@ -330,7 +357,7 @@ class RobotRecording:
     def _text(self) -> str:
         robots, policy = [robot.about for robot in self._robots], isinstance(self._filter, Policy)
         by = "policy, at each bump and before it turns" if policy else "filter"
-        filtered, heated = self._of_filter is not None, self._heat is not None
+        filtered, heated = self._of_filter is not None, self._belief is not None
         marks = {
             "**Arrow and line**: the true pose of the emulated robot, and its trail.": any(
                 robot.trace is not None for robot in robots
