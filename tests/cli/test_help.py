@@ -105,7 +105,10 @@ def test_a_group_has_a_page_of_its_own(capsys, words):
     [
         (["lokalize", "map.json"], "lokalize; did you mean localize?"),
         (["robot", "chek"], "robot chek; did you mean robot check?"),
-        (["patrol"], "patrol; expected one of patrol graph, patrol map"),
+        (
+            ["patrol"],
+            "patrol; expected one of patrol evaluate, patrol graph, patrol guard, patrol map",
+        ),
         (["xyzzy"], "xyzzy; jaxcell --help lists them"),
     ],
 )
@@ -154,7 +157,7 @@ complete -p jaxcell
     ("line", "wanted"),
     [
         ("jaxcell lo", {"localize"}),
-        ("jaxcell patrol ", {"-h", "--help", "graph", "map"}),
+        ("jaxcell patrol ", {"-h", "--help", "evaluate", "graph", "guard", "map"}),
         ("jaxcell sweep s", {"status"}),
         ("jaxcell sweep --re", {"--resume"}),
         ("jaxcell sweep status --js", {"--json"}),
