@@ -139,10 +139,21 @@ class PatrolledMap(Result):
     def answer(self) -> tuple[str, ...]:
         stay, cell = self.steps_of_attack, self.least_captured
         x, y, _ = self.cells.centre(cell)
-        return (
+        walks = (
             f"An intruder who stays {stay:,} steps is caught with a probability of at least "
-            f"{100 * self.least_capture:.3g} %; it is least at {x:g} m, {y:g} m.",
+            f"{100 * self.least_capture:.3g} %; it is least at {x:g} m, {y:g} m."
         )
+        caught = self._caught_by_round
+        if caught is None or self.round is None or caught <= self.least_capture:
+            return (walks,)
+        if self.round.watched_capture:
+            first = f"No intruder who stays {stay:,} steps escapes {self.round.followers}."
+        else:
+            first = (
+                f"An intruder who stays {stay:,} steps is caught by {self.round.followers}, with a "
+                f"probability of at least {100 * caught:.3g} %."
+            )
+        return first, f"By random walks: {walks[0].lower()}{walks[1:]}"
 
     @derived("", "probability that an intruder is caught, at least", "1", kind="share")
     def least_capture(self) -> float:
@@ -215,16 +226,21 @@ class PatrolledMap(Result):
     @property
     def _compared_with_round(self) -> str | None:
         """A sentence that compares the least probability of capture with that of a round."""
-        if self.round is None:
-            return None
-        watched = self.captures.attack.start == "worst"
-        caught = self.round.watched_capture if watched else self.round.least_capture
-        if caught is None:
+        caught = self._caught_by_round
+        if caught is None or self.round is None:
             return None
         beaten = caught > self.least_capture
         return f"{self.round.followers}, capture with a probability of {caught:.3f} at least" + (
             ", more than this patrol" if beaten else ""
         )
+
+    @property
+    def _caught_by_round(self) -> float | None:
+        """The least probability of capture by the round, for the adversary of the attack."""
+        if self.round is None:
+            return None
+        watched = self.captures.attack.start == "worst"
+        return self.round.watched_capture if watched else self.round.least_capture
 
     @property
     def xy(self) -> Float[np.ndarray, "cells 2"]:
