@@ -179,7 +179,7 @@ complete -p jaxcell
     ("line", "wanted"),
     [
         ("jaxcell lo", {"localize"}),
-        ("jaxcell patrol ", {"-h", "--help", "graph", "map"}),
+        ("jaxcell patrol ", {"-h", "--help", "evaluate", "graph", "guard", "map"}),
         ("jaxcell sweep s", {"status"}),
         ("jaxcell sweep --re", {"--resume"}),
         ("jaxcell sweep status --js", {"--json"}),

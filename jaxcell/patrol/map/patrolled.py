@@ -140,15 +140,29 @@ class PatrolledMap(Result):
     def answer(self) -> tuple[str, ...]:
         stay, cell = self.steps_of_attack, self.least_captured
         x, y, _ = self.cells.centre(cell)
-        caught = (
-            f"An intruder who stays {counted(stay, 'step')} is caught with a probability of at "
-            f"least {percent(self.least_capture)}; it is least at {x:g} m, {y:g} m."
+        stays = f"An intruder who stays {counted(stay, 'step')} is caught"
+        walks = (
+            f"{stays} with a probability of at least {percent(self.least_capture)}; it is least at "
+            f"{x:g} m, {y:g} m."
         )
-        if self.wanted is None:
-            return (caught,)
-        suffice = "suffice" if self.answered else "do not suffice"
-        robots, wanted = counted(self.robots, "robot"), percent(self.wanted)
-        return (f"{robots} {suffice} to catch an intruder with a probability of {wanted}.", caught)
+        sentences = []
+        if self.wanted is not None:
+            suffice = "suffice" if self.answered else "do not suffice"
+            robots, wanted = counted(self.robots, "robot"), percent(self.wanted)
+            sentences.append(
+                f"{robots} {suffice} to catch an intruder with a probability of {wanted}."
+            )
+        caught = self._caught_by_round
+        if caught is None or self.round is None or caught <= self.least_capture:
+            return (*sentences, walks)
+        if self.round.watched_capture:
+            first = f"No intruder who stays {counted(stay, 'step')} escapes {self.round.followers}."
+        else:
+            first = (
+                f"{stays} by {self.round.followers}, with a probability of at least "
+                f"{percent(caught)}."
+            )
+        return (*sentences, first, f"By random walks: {walks[0].lower()}{walks[1:]}")
 
     @derived("", "probability that an intruder is caught, at least", "1", kind="share")
     def least_capture(self) -> float:
@@ -221,16 +235,21 @@ class PatrolledMap(Result):
     @property
     def _compared_with_round(self) -> str | None:
         """A sentence that compares the least probability of capture with that of a round."""
-        if self.round is None:
-            return None
-        watched = self.captures.attack.start == "worst"
-        caught = self.round.watched_capture if watched else self.round.least_capture
-        if caught is None:
+        caught = self._caught_by_round
+        if caught is None or self.round is None:
             return None
         beaten = caught > self.least_capture
         return f"{self.round.followers}, capture with a probability of {caught:.3f} at least" + (
             ", more than this patrol" if beaten else ""
         )
+
+    @property
+    def _caught_by_round(self) -> float | None:
+        """The least probability of capture by the round, for the adversary of the attack."""
+        if self.round is None:
+            return None
+        watched = self.captures.attack.start == "worst"
+        return self.round.watched_capture if watched else self.round.least_capture
 
     @property
     def xy(self) -> Float[np.ndarray, "cells 2"]:

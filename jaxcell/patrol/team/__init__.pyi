@@ -17,5 +17,6 @@ from .rounds import (
     Round as Round,
     evenly_spaced_round as evenly_spaced_round,
     round_on_map as round_on_map,
+    walk_around as walk_around,
 )
 from .times import time_unit_of as time_unit_of, whole_times as whole_times

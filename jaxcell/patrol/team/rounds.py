@@ -6,13 +6,16 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...base.quantities import Result, derived, quantity
-from ...optimize import GraphLike, greedy_cover, shortest_tour
+from ...optimize import GraphLike
 from ...optimize.validation import check_count, one_each
 from ..rounds.game import Game
 from ..rounds.search import best_rounds
 from .times import check_whole, names_of
+from .watching import watching_tours
 
 
+# Number of covers of a map from which tours begin.
+_COVERS = 2
 # Rounding error of a time, relative, by which an attack does not become longer.
 _ROUNDING = 1e-9
 
@@ -34,6 +37,8 @@ class Round(Result):
         np.ndarray | None, quantity("tour stop", "vertices in order", kind="text", listed=True)
     ] = None
     "Array `[tours, stops]` of names of vertices, padded with empty names; `None` on a map."
+    walk: Int[np.ndarray, "steps"] | None = None
+    "The cells of the tour in order, on a map; otherwise `None`."
     duration: Float[np.ndarray, "tours"]
     "The time that a robot takes for each tour, in units."
     longest: float
@@ -167,32 +172,59 @@ def round_on_map(
 ) -> Round | None:
     """Follow a short closed tour that sees all cells of a map with evenly spaced robots.
 
-    The tours through the [`jaxcell.optimize.greedy_cover`][] of each robot are compared; the round
-    is on the tour with the most capture.
+    Tours that become shorter and shorter are compared, from tours through greedy covers on, until
+    no attack succeeds; the round is on the tour with the most capture.
 
     **Arguments:** the graph of the cells; `visible[i, j]` is true if a robot in cell `i` sees cell
     `j`; the number of robots; the number of steps of an attack, which begins when no robot sees its
     cell; and the cells that may be attacked. **Returns:** [`Round`][], or `None` if all cells are
     seen from a single one.
     """
-    rounds = []
-    for robot in range(robots):
-        cover = greedy_cover(visible, robot).chosen.tolist()
-        if len(cover) < 2:
-            return None
-        seen = visible[shortest_tour(graph, cover)]
+    best = None
+    for walk in watching_tours(graph, visible, min(robots, _COVERS)):
+        seen = visible[walk]
         gaps = [_gaps(np.flatnonzero(seen[:, place]), len(seen), robots) for place in places]
         least, watched = _least(gaps, np.full(len(gaps), float(attack_time)), 1)
-        rounds.append(
-            Round(
-                robots=np.array([robots]),
-                duration=np.array([float(len(seen))]),
-                longest=_longest(gaps),
-                least_capture=least,
-                watched_capture=watched,
-            )
-        )
-    return max(rounds, key=lambda one: (one.least_capture, -one.longest))
+        rank = least, -_longest(gaps)
+        if best is None or rank > best[0]:
+            best = rank, walk, watched
+        if watched:
+            break
+    if best is None:
+        return None
+    (least, late), walk, watched = best
+    return Round(
+        robots=np.array([robots]),
+        walk=walk,
+        duration=np.array([float(walk.size)]),
+        longest=-late,
+        least_capture=least,
+        watched_capture=watched,
+    )
+
+
+def walk_around(
+    walk: Int[np.ndarray, "steps"], cells: int
+) -> tuple[Int[np.ndarray, "1 states"], Float[np.ndarray, "1 states"]]:
+    """Build the walk of a robot that goes around a closed tour, with a memory of its visits.
+
+    **Arguments:** the cells of the tour in order, and the number of cells of the map. **Returns:**
+    the next state of each state, and its probability, which is 1. A state is a cell plus the number
+    of earlier visits to it in this round, times `cells`; the tour begins in a state without any.
+
+    A robot that goes to and fro visits the middle of three cells in two states:
+
+        >>> import numpy as np
+        >>> from jaxcell import patrol
+        >>> image, _ = patrol.team.walk_around(np.array([0, 1, 2, 1]), 3)
+        >>> image.tolist()
+        [[1, 2, 4, 3, 0, 5]]
+    """
+    visits = np.array([np.count_nonzero(walk[:step] == walk[step]) for step in range(walk.size)])
+    states = visits * cells + walk
+    image = np.arange(cells * (int(visits.max()) + 1))
+    image[states] = np.roll(states, -1)
+    return image[None], np.ones((1, image.size))
 
 
 def _times(

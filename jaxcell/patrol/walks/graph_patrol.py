@@ -322,6 +322,12 @@ class GraphPatrol(Measures):
         lines = [] if self.game is None else list(self.game.answer)
         if (least := self.least_capture) is not None:
             blind = self.least_blind_capture
+            round = 0.0 if self.round is None else self.round.least_capture or 0.0
+            if round > max(least, blind or 0.0) + _SAME:
+                lines.append(
+                    f"A shared clock stops at least {100 * round:.3g} % of blind attacks: `jaxcell "
+                    "patrol guard` finds the rounds. Without it:"
+                )
             unseen = "" if blind is None else f" ({100 * blind:.3g} % if the adversary is blind)"
             lines.append(
                 f"An attack is stopped with a probability of at least {100 * least:.3g} %{unseen}; "

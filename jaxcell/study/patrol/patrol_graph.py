@@ -284,11 +284,13 @@ class PatrolGraph(Study):
             elif arrival.out_of_reach(*numbers) is not None and self.strategy == "capture":
                 arrival.parts_within_reach(graph, *numbers, robots, names, self.unit)
         except ValueError as error:
-            if self.speed is None:
-                raise
+            finer = ""
+            if self.speed is not None:
+                finer = (
+                    f", or a smaller `time_unit`; times are rounded to units of {self.unit:.4g} s"
+                )
             raise ValueError(
-                f"{error}, or a smaller `time_unit`; times are rounded to units of "
-                f"{self.unit:.4g} s"
+                f"{error}{finer}; with a shared clock, `jaxcell patrol guard` finds rounds"
             ) from None
 
     def _rounded_up(self, graph: "optimize.Graph") -> float:

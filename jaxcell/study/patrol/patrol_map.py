@@ -189,6 +189,33 @@ class PatrolMap(CellStudy):
             map=self.spec(result)["map"],
             name=result.cells.workspace.name,
         )
+        if result.round is not None:
+            self._write_round(result, out)
+
+    def _write_round(self, result: Any, out: Path) -> None:
+        """Write the round: the cell of each robot over time, and the walks of robots on it."""
+        import numpy as np
+
+        from ...base.paths import replacing
+        from ...robot.tasks.patrol_task import save_patrols
+
+        walk, robots = result.round.walk, len(result.policies)
+        turned = [np.roll(walk, -(robot * walk.size // robots)) for robot in range(robots)]
+        save_patrols(
+            out / "round.json",
+            result.cells,
+            [patrol.team.walk_around(one, result.cells.positions) for one in turned],
+            [int(one[0]) for one in turned],
+            self.range,
+            map=self.spec(result)["map"],
+            name=result.cells.workspace.name,
+        )
+        with replacing(out / "schedule.csv") as temporary, temporary.open("w") as file:
+            print("robot,step,x_m,y_m", file=file)
+            for step in range(walk.size):
+                for robot, one in enumerate(turned, 1):
+                    x, y = result.xy[one[step]]
+                    print(f"{robot},{step},{x:g},{y:g}", file=file)
 
     def verify(self, result: Any) -> "Sequence[verification.Comparison]":
         return verification.compare_patrolled_map(result)

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol.team import evenly_spaced_round, round_on_map
+from jaxcell.patrol.team import evenly_spaced_round, round_on_map, walk_around
+from jaxcell.study import PatrolMap
 
 
 def cycle(vertices):
@@ -151,3 +152,32 @@ def test_round_on_a_map_is_that_of_two_robots_moved_step_by_step():
         assert found.least_capture == pytest.approx(blind)
         assert found.watched_capture == watched
     assert round_on_map(corridor, np.ones((cells, cells), bool), 1, 3, np.arange(cells)) is None
+
+
+@pytest.mark.parametrize("name", ["depot", "cafe", "harbour", "complex"])
+def test_two_robots_on_a_round_capture_every_attack_of_20_steps(name):
+    """Robots half a tour apart see each cell that is not always seen; cells see their sight."""
+    study = PatrolMap(map=f"@{name}")
+    cells = study.cells()
+    graph, visible = study._graph(cells), study._visible(cells, 6.0)
+    contested = np.flatnonzero(~visible.all(axis=0) & visible.any(axis=0))
+    found = round_on_map(graph, visible, 2, 20, contested)
+    walk, steps = found.walk, {frozenset(edge) for edge in graph.edges.tolist()}
+    assert {frozenset(step) for step in zip(walk, np.roll(walk, 1), strict=True)} <= steps
+    other = np.roll(walk, -(walk.size // 2))
+    seen = visible[walk] | visible[other]
+    for place in contested:
+        hidden = max(len(run) for run in "".join(".x"[s] for s in [*seen[:, place]] * 2).split("x"))
+        assert hidden <= 20
+    assert found.watched_capture == found.least_capture == 1
+
+
+def test_robot_walks_around_a_tour_with_its_memory():
+    walk = np.array([3, 2, 1, 2, 4, 2])
+    image, chance = walk_around(walk, 5)
+    state, cells = 3, []
+    for _ in range(12):
+        cells.append(state % 5)
+        state = image[0, state]
+    assert cells == [*walk, *walk]
+    assert (chance == 1).all()
