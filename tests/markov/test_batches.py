@@ -189,12 +189,30 @@ def test_long_eliminations_are_left_to_the_host(monkeypatch):
     matrices = batch_of(np.random.default_rng(5))
     monkeypatch.setattr(rounds, "_MOST", 0)
     monkeypatch.setattr(rounds, "_MOST_PER_STEP", 0)
-    rounds._plan.cache_clear()
+    rounds._PLANS.clear()
     found = jax.vmap(lambda P: markov.hitting_times(chain_of(P), 4).value)(matrices)
-    rounds._plan.cache_clear()
+    rounds._PLANS.clear()
     for value, matrix in zip(found, matrices, strict=True):
         truth = markov.hitting_times(Chain.from_scipy(matrix), 4).value
         np.testing.assert_array_equal(value, truth)
+
+
+def test_as_many_plans_are_kept_as_fit(monkeypatch):
+    rounds._PLANS.clear()
+    image = (np.arange(CELLS) + np.array([[1], [5]])) % CELLS
+    batch = Batch.of(image, np.full((1, 2, CELLS), 0.5))
+    cells = np.eye(CELLS, dtype=bool)
+
+    def solve(number):
+        rounds.eliminated(batch, ~cells[number], np.ones((CELLS, 1)))
+        return list(rounds._PLANS)
+
+    assert len({key for number in (0, 1, 0, 1) for key in solve(number)}) == 2
+    (first, second) = solve(1)
+    assert solve(0) == [second, first]
+    monkeypatch.setattr(rounds, "_KEPT", 0)
+    assert solve(1) == [second]
+    rounds._PLANS.clear()
 
 
 def plain_values(matrices, reward, allowed, discount):

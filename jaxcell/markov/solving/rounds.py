@@ -8,6 +8,7 @@ as those with one certain step.
 
 import dataclasses
 import functools
+import threading
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,10 @@ _HALF_ULP = 2.0**-53
 # Below this number products of probabilities lose digits.
 _TINY = 1e-280
 _SEED = 0
+# Number of products of the plans that are kept, which take about 40 bytes each.
+_KEPT = 10_000_000
+_PLANS: dict[tuple[bytes, ...], Any] = {}
+_LOCK = threading.Lock()
 
 
 @np.errstate(all="ignore")
@@ -87,6 +92,11 @@ class Plan:
     error: float
     """A bound on the relative error of solutions, as in `eliminate`: if `m` states lead to a state
     with `n` steps, its elimination changes `m` rows by less than `n + 8` roundings."""
+
+    @functools.cached_property
+    def products(self) -> int:
+        """Number of products of probabilities per chain."""
+        return sum(part.first.size for part in self.rounds)
 
     @classmethod
     def of(
@@ -183,8 +193,24 @@ class Plan:
         return x[:-1], np.broadcast_to(sure, right.shape[1])
 
 
-@functools.lru_cache(maxsize=16)
-def _plan(
+def _plan(*steps: bytes) -> tuple[Int[np.ndarray, "used"], Any, Plan | None]:
+    """Return the plan for the tails and heads of steps and the cells `inside`, also a kept one.
+
+    A sweep goes through many patterns of steps again and again, so as many plans are kept as fit.
+    """
+    with _LOCK:
+        kept = _PLANS.pop(steps, None)
+    kept = _planned(*steps) if kept is None else kept
+    with _LOCK:
+        _PLANS[steps] = kept
+        while (
+            len(_PLANS) > 1 and sum(plan.products for *_, plan in _PLANS.values() if plan) > _KEPT
+        ):
+            _PLANS.pop(next(iter(_PLANS)))
+    return kept
+
+
+def _planned(
     tail: bytes, head: bytes, inside: bytes
 ) -> tuple[Int[np.ndarray, "used"], Any, Plan | None]:
     """Plan the elimination of the cells `inside`; return the steps that count, and their sums."""
