@@ -15,10 +15,7 @@ from .hitting import (
     absorption_times as absorption_times,
     hitting_times as hitting_times,
 )
-from .likely_path import (
-    ProbablePath as ProbablePath,
-    most_probable_path as most_probable_path,
-)
+from .likely_path import most_probable_path as most_probable_path
 from .limiting import (
     LimitingDistribution as LimitingDistribution,
     limiting_distribution as limiting_distribution,
