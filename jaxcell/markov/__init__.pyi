@@ -9,16 +9,20 @@ from .conditional import (
 )
 from .decision import DecisionModel as DecisionModel, policy_chain as policy_chain
 from .discounted import Optimum as Optimum, value_iteration as value_iteration
+from .estimation import (
+    ChapmanKolmogorov as ChapmanKolmogorov,
+    Spread as Spread,
+    chapman_kolmogorov as chapman_kolmogorov,
+    maximum_likelihood as maximum_likelihood,
+    posterior as posterior,
+)
 from .hitting import (
     Absorption as Absorption,
     absorption_probabilities as absorption_probabilities,
     absorption_times as absorption_times,
     hitting_times as hitting_times,
 )
-from .likely_path import (
-    ProbablePath as ProbablePath,
-    most_probable_path as most_probable_path,
-)
+from .likely_path import most_probable_path as most_probable_path
 from .limiting import (
     LimitingDistribution as LimitingDistribution,
     limiting_distribution as limiting_distribution,

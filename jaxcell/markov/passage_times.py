@@ -38,21 +38,18 @@ def passage_time_variance(
 ) -> Solution:
     """Compute the variance of the number of steps until a chain first reaches a set of cells.
 
-    With the expected times `t`, the variance is the expected sum of the squares of the changes
-    `1 + t(next) - t(now)` of the predicted time (law of total variance), so that a certain time has
-    the variance 0. Only for times of more than 10^15 steps, it is computed as the second moment
-    minus the square of the mean.
+    With the expected times `t`, it is the expected sum of the squares of `1 + t(next) - t(now)`,
+    the changes of the predicted time, so that a certain time has the variance 0. Only for more than
+    10^15 steps it is the second moment minus the square of the mean.
 
     **Arguments:** as for [`jaxcell.markov.hitting_times`][]. **Returns:** the variance for each
     start, 0 in the target, and `inf` where the expected time is infinite. The residual of the
-    certificate bounds the error of every variance, relative to the second moment of the time.
+    certificate bounds the error of every variance, relative to the second moment.
 
     A robot that stays with probability 3/4 in each step, or moves on to the last cell:
 
-        >>> import numpy as np
         >>> from jaxcell import markov
-        >>> P = np.array([[0.75, 0.25], [0.0, 1.0]])
-        >>> markov.passage_time_variance(P, target=1).value.round(6).tolist()
+        >>> markov.passage_time_variance([[0.75, 0.25], [0.0, 1.0]], target=1).value.tolist()
         [12.0, 0.0]
     """
     require_x64("passage_time_variance")
@@ -111,26 +108,23 @@ def passage_quantiles(
     """Compute quantiles of the number of steps until a chain first reaches a set of cells.
 
     The quantile of a level is the least number of steps after which the chain has arrived with at
-    least this probability. The law itself is [`jaxcell.markov.first_passage`][], step by step.
+    least this probability; [`jaxcell.markov.first_passage`][] is the law, step by step.
 
-    If at most 1,000 cells matter, the matrix is squared until the probability of having arrived is
-    large enough, and the digits of the quantile follow one by one. The probability is a sum of
-    positive numbers, so that times of 1e300 steps are no problem. Of more cells, single steps are
-    followed until the distribution of a chain that has not arrived is quasi-stationary
-    ([`jaxcell.markov.quasi_stationary`][]); later times are geometric.
+    If at most 1,000 cells matter, their matrix is squared, and the digits of the quantile follow
+    one by one; probabilities of arriving are sums of positive numbers, so that times of 1e300 steps
+    are no problem. Of more cells, single steps are followed until the distribution of a chain that
+    has not arrived is quasi-stationary; later times are geometric.
 
     **Arguments:** a start and a target as for `first_passage`, and levels between 0 and 1.
     **Returns:** the number of steps for each level, and `inf` if the chain arrives with a smaller
     probability. Under `grad` they count as constant.
 
-    **Raises:** `RuntimeError` if a chain of more cells, after 100,000 steps, has not arrived and is
-    not quasi-stationary, such as a periodic one.
+    **Raises:** `RuntimeError` if the distribution on more cells still changes after 100,000 steps.
 
     A robot that stays with probability 3/4 in each step, or moves on to the last cell:
 
-        >>> import numpy as np
         >>> from jaxcell import markov
-        >>> P = np.array([[0.75, 0.25], [0.0, 1.0]])
+        >>> P = [[0.75, 0.25], [0.0, 1.0]]
         >>> markov.passage_quantiles(P, start=0, target=1, levels=[0.25, 0.5, 0.99]).tolist()
         [1.0, 3.0, 17.0]
     """
@@ -159,10 +153,9 @@ def _quantiles(
     rows = matrix[cells]
     step, arrive = rows[:, cells], rows @ there.astype(float)
     lost = rows @ (~inside & ~there).astype(float) + leaving_rows(rows)
-    find = _by_squares if cells.size <= _DENSE else functools.partial(_by_steps, matrix, inside)
-    already = float(start[there].sum())
-    wanted = [level * (1 - _TIE) for level in levels]
-    return find(step, arrive, lost, start[cells], already, wanted)
+    find = _by_squares if cells.size <= _DENSE else _by_steps
+    wanted = np.array(levels) * (1 - _TIE)
+    return find(step, arrive, lost, start[cells], float(start[there].sum()), wanted)
 
 
 def _by_squares(
@@ -171,71 +164,55 @@ def _by_squares(
     lost: Float[np.ndarray, "part"],
     start: Float[np.ndarray, "part"],
     already: float,
-    levels: list[float],
+    levels: Float[np.ndarray, "levels"],
 ) -> Float[np.ndarray, "levels"]:
     powers, arrived = [step.toarray()], [arrive]
-    while already + start @ arrived[-1] < max(levels) and start @ (powers[-1].sum(axis=1)) > 0:
-        if len(powers) > _SQUARINGS:
-            break
+    while already + start @ arrived[-1] < levels.max() and len(powers) < _SQUARINGS:
         power = powers[-1]
         arrived.append(arrived[-1] + power @ arrived[-1])
         lost = lost + power @ lost
-        power = power @ power
+        powers.append(power @ power)
         # The sum of a row is known with all its digits unless nearly all of it is gone.
-        stays = 1 - arrived[-1] - lost
-        total = power.sum(axis=1)
-        power *= np.where((stays > 0.5) & (total > 0), stays / np.maximum(total, 0.25), 1)[:, None]
-        powers.append(power)
-    time = np.zeros(len(levels))
-    for number, level in enumerate(levels):
-        if already >= level:
-            continue
-        if already + start @ arrived[-1] < level:
-            time[number] = np.inf
-            continue
+        stays, total = 1 - arrived[-1] - lost, powers[-1].sum(axis=1)
+        powers[-1] *= np.where(stays > 0.5, stays / np.maximum(total, 0.25), 1)[:, None]
+        if not start @ total:
+            break
+    time = np.where(levels <= already, 0.0, np.inf)
+    for number in np.flatnonzero((levels > already) & (levels <= already + start @ arrived[-1])):
         # Find the largest number of steps that is too few, one binary digit after the other.
         steps, now, sure = 0, start, already
         for digit in reversed(range(len(powers) - 1)):
-            if (more := sure + now @ arrived[digit]) < level:
+            if (more := sure + now @ arrived[digit]) < levels[number]:
                 steps, now, sure = steps + 2**digit, now @ powers[digit], more
         time[number] = steps + 1
     return time
 
 
 def _by_steps(
-    matrix: scipy.sparse.csr_array,
-    inside: Cells,
     step: scipy.sparse.csr_array,
     arrive: Float[np.ndarray, "part"],
     lost: Float[np.ndarray, "part"],
     now: Float[np.ndarray, "part"],
     sure: float,
-    levels: list[float],
+    levels: Float[np.ndarray, "levels"],
 ) -> Float[np.ndarray, "levels"]:
-    time = np.where(np.array(levels) <= sure, 0.0, np.inf)
-    limit = None
-    back = step.T.tocsr()
+    time, back, limit = np.where(levels <= sure, 0.0, np.inf), step.T.tocsr(), np.zeros(lost.size)
     for steps in range(1, _STEPS + 1):
         sure, now = sure + arrive @ now, back @ now
-        time[(np.array(levels) <= sure) & np.isinf(time)] = steps
-        (open_,) = np.nonzero(np.isinf(time))
-        total = now.sum()
-        if not open_.size or total == 0:
+        time[(levels <= sure) & np.isinf(time)] = steps
+        later, total = np.isinf(time), now.sum()
+        if not later.any() or total == 0:
             return time
         if steps % _BETWEEN:
             continue
-        if limit is None:
-            part, found = slowest_part(matrix, inside)
-            limit = np.zeros(inside.size)
-            limit[part] = found.value
-            limit, leaving = limit[inside], found.leaving
+        if steps == _BETWEEN:
+            part, (limit[part], *_) = slowest_part(step, np.ones(lost.size, bool))
         if np.abs(now / total - limit).sum() <= _SETTLED:
-            share = total * (limit @ arrive) / (limit @ (arrive + lost))
-            for k in open_:
-                part = (levels[k] - sure) / share
-                if part < 1:
-                    time[k] = steps + math.ceil(math.log1p(-part) / math.log1p(-leaving))
-            return time
+            out = limit @ (arrive + lost)
+            with np.errstate(invalid="ignore"):
+                wanted = np.log1p((sure - levels) * out / (total * (limit @ arrive)))
+            wanted = np.where(np.isnan(wanted), np.inf, np.ceil(wanted / np.log1p(-out)))
+            return np.where(later, steps + wanted, time)
     raise RuntimeError(
         f"passage_quantiles: after {_STEPS} steps the chain has not arrived, and its distribution "
         "still changes; ask for smaller levels, or use passage_time_variance"

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 from jaxtyping import Array, Float
-from scipy.sparse import csgraph, linalg
+from scipy.sparse import linalg
 
 from ..base.certificate import Certificate, Real
 from ..base.divided import put_on_device
@@ -27,12 +27,10 @@ from .transient import Transient, leaving_of
 from .visited import out_of
 
 
-# Relative change of entries that counts as rounding, per cell of a part.
-_ROUNDING = 2.0**-50
-# Largest number of squarings of a matrix, and of solves of a large part.
-_SQUARINGS, _SOLVES = 60, 60
-# Parts whose decays differ relatively by less are equally persistent.
-_TIE = 1e-9
+# Relative change of the distribution that counts as rounding.
+_ROUNDING = 2.0**-46
+# Largest number of squarings of a matrix, and of solves.
+_SQUARINGS, _SOLVES = 60, 100
 _SEED = 0
 
 
@@ -42,47 +40,29 @@ class QuasiStationary(Pictured):
     """The distribution of a chain that has not left a set for a long time."""
 
     value: Float[Array, "cells"]
-    "The distribution over the cells, 0 outside the set."
     leaving: Real
-    """The probability that the next step leaves the set. It is a sum over the steps out of the set,
-    and has all its digits even if it is tiny."""
+    """The probability that the next step leaves the set: a sum of probabilities of steps, with all
+    its digits. The decay rate per step is `-log1p(-leaving)`, and the mean time `1 / leaving`."""
     certificate: Certificate
-    """The certificate. Its residual bounds the relative error of `leaving`, and is at least the
-    largest relative change of an entry of the distribution by another iteration."""
-
-    @property
-    def rate(self) -> Real:
-        """The decay rate per step: after `n` steps the set is not left with `exp(-rate n)`."""
-        rate: Any = -jnp.log1p(-self.leaving)
-        return rate if traced(self.leaving) else float(rate)
-
-    @property
-    def time(self) -> Real:
-        """The mean number of steps until the chain leaves the set."""
-        return 1 / self.leaving
+    "The certificate; its residual bounds the relative error of `leaving`."
 
 
 def quasi_stationary(
     chain: ChainLike, within: npt.ArrayLike | int, *, throw: bool = True
 ) -> QuasiStationary:
-    """Compute the quasi-stationary distribution of a chain in a set of cells, and its decay rate.
+    """Compute the quasi-stationary distribution of a chain in a set of cells, and its decay.
 
     It is the distribution `v` with `v Q = (1 - leaving) v`, where `Q` is the part of the transition
-    matrix in the set (Darroch and Seneta 1965). If the chain starts with this distribution, it
-    leaves the set after a geometric number of steps. It is also the limit of the distribution of a
-    chain that has not left the set, from a start in the part of the set that is left most slowly.
-    Cells that are not reached from this part have 0. It exists also for periodic sets, where it is
-    the mean of this limit over a period.
+    matrix in the set (Darroch and Seneta 1965). A chain that starts with it leaves the set after a
+    geometric number of steps. It is the limit of the distribution of a chain that has not left,
+    from any start in the part of the set that is left most slowly (in a periodic set, the mean of
+    the limit over a period); if two parts are equally slow, it is that of one of them.
 
-    The matrix of expected visits `(I - Q)^-1`, which is computed without subtractions, is applied
-    until the distribution does not change. The quotients of entries before and after an application
-    bound `leaving` (Collatz 1942, Wielandt 1950).
+    The expected visits `(I - Q)^-1`, computed without subtractions, are applied until `v` does not
+    change. The quotients of its entries before and after bound `leaving` (Collatz and Wielandt).
 
-    **Arguments:** a chain, and a set as a cell, a list of cells, or a mask. **Returns:** the
-    distribution and the probability of leaving.
-
-    **Raises:** `ValueError` if a part of the set is never left, or if two separate parts are left
-    equally slowly, so that the distribution depends on the start.
+    **Arguments:** a chain, and a set as a cell, a list of cells, or a mask, from all of which it is
+    possible to leave. **Returns:** the distribution and the probability of leaving.
 
     A walk on a line of four cells, two of which are left at both ends:
 
@@ -93,93 +73,75 @@ def quasi_stationary(
     """
     require_x64("quasi_stationary")
     inside = cell_mask(chain.cells, within, "within")
-    vector = like(float, chain.cells)
-    # The right eigenvector is needed only for derivatives.
-    compute = _both if traced(chain, inside) else _distribution
-    form = vector, like(bool, chain.cells), vector, *CERTIFIED
-    value, part, survival, iterations, residual = on_host(compute, form, chain, inside)
-    certificate = Certificate(iterations, residual, TOLERANCE)
+    form = (like(float, chain.cells),) * 2, *CERTIFIED
+    (value, survival), solves, residual = on_host(_found, form, chain, inside)
+    certificate = Certificate(solves, residual, TOLERANCE)
     certificate.check("quasi_stationary", throw)
-    if traced(chain, inside):
-        kept = part[None] & part[chain.image]
-        among = Chain(chain.image, jnp.where(kept, chain.probability, 0.0))
-        fixed = jax.lax.stop_gradient(1 - value @ out_of(chain, inside))
-        modes = jnp.stack([fixed]), survival[None], value[None] / (value @ survival)
-        _, _, left = implicit(change_of_modes, tuple(map(_complex, modes)), (among,))
-        value = left[0].real / jnp.sum(left[0].real)
-        return QuasiStationary(value, value @ out_of(chain, inside), certificate)
-    leaving = float(value @ leaving_of(chain.to_scipy(), inside))
-    return QuasiStationary(put_on_device(value), leaving, certificate)
+    if not traced(chain, inside):
+        leaving = float(value @ leaving_of(chain.to_scipy(), inside))
+        return QuasiStationary(put_on_device(value), leaving, certificate)
+    kept = (value > 0)[None] & (value > 0)[chain.image]
+    among = Chain(chain.image, jnp.where(kept, chain.probability, 0.0))
+    stays = jax.lax.stop_gradient(1 - value @ out_of(chain, inside))
+    modes = jnp.stack([stays]), survival[None], value[None] / (value @ survival)
+    modes = implicit(change_of_modes, tuple(x.astype(complex) for x in modes), (among,))
+    value = modes[2][0].real / jnp.sum(modes[2][0].real)
+    return QuasiStationary(value, value @ out_of(chain, inside), certificate)
 
 
-def _distribution(matrix: scipy.sparse.csr_array, inside: Cells) -> tuple[Any, ...]:
-    """Return the distribution, its part of the set, NaN per cell, and the certificate."""
+def _found(matrix: scipy.sparse.csr_array, inside: Cells) -> tuple[Any, ...]:
+    """Return the distribution and the right eigenvector, the number of solves, and the residual."""
     part, found = slowest_part(matrix, np.asarray(inside))
-    return _spread(part, found.value), part, np.full(part.size, np.nan), *found.certified
+    both = np.zeros((2, part.size))
+    both[:, part] = found[:2]
+    return tuple(both), *found[2:]
 
 
-def _both(matrix: scipy.sparse.csr_array, inside: Cells) -> tuple[Any, ...]:
-    """Return the same, with the right eigenvector, whose largest entry is 1, in place of NaN."""
-    part, found = slowest_part(matrix, np.asarray(inside))
-    transient, now = Transient.of(matrix, part), found.survival
+def slowest_part(
+    matrix: scipy.sparse.csr_array, inside: Cells
+) -> tuple[Cells, tuple[Float[np.ndarray, "part"], Float[np.ndarray, "part"], int, float]]:
+    """Find the part of a set that is reached from the component that is left most slowly.
+
+    Returns its mask, its distribution and right eigenvector, the number of solves, and a bound on
+    the relative error of the probability of leaving.
+    """
+    cells = np.flatnonzero(inside)
+    kept = ~reaching(matrix[cells][:, cells], leaving_of(matrix, inside)[cells] > 0)
+    if kept.any():
+        raise ValueError(
+            f"within: the set is never left from cell {cells[kept][0]}; limiting_distribution "
+            "serves closed sets"
+        )
+    transient = Transient.of(matrix, inside)
+    left, right = _guess(transient)
+    # Both eigenvectors are positive only in the slowest component.
+    begin = np.arange(left.size) == (left * right).argmax()
+    reached = reaching(transient.step.T.tocsr(), begin)
+    part = np.zeros(inside.size, bool)
+    part[cells[reached]] = True
+    value, survival = np.maximum(left[reached], np.finfo(float).tiny), right[reached]
+    transient, solves, changed = Transient.of(matrix, part), 0, math.inf
+    while solves < _SOLVES and changed > _ROUNDING:
+        solves += 1
+        last, found = value, transient.visits(value)
+        value = found.value / found.value.sum()
+        changed = float(np.abs(value / last - 1).max())
     for _ in range(_SOLVES):
-        last, now = now, transient.expect(now[:, None]).value[:, 0]
-        now = now / now.max()
-        if np.abs(now - last).max() <= _ROUNDING * now.size:
+        before, survival = survival, transient.expect(survival[:, None]).value[:, 0]
+        survival = survival / survival.max()
+        if np.abs(survival - before).max() <= _ROUNDING:
             break
-    return _spread(part, found.value), part, _spread(part, now), *found.certified
-
-
-def _spread(part: Cells, values: Float[np.ndarray, "part"]) -> Float[np.ndarray, "cells"]:
-    whole = np.zeros(part.size)
-    whole[part] = values
-    return whole
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Found:
-    """The quasi-stationary distribution of a part of a chain."""
-
-    value: Float[np.ndarray, "part"]
-    survival: Float[np.ndarray, "part"]
-    "An approximate right eigenvector."
-    leaving: float
-    certified: tuple[int, float]
-    "The number of solves, and the residual."
-
-    @classmethod
-    def of(cls, matrix: scipy.sparse.csr_array, part: Cells) -> "_Found":
-        """Find the distribution in a part, from all of which the slowest component is reached.
-
-        An application of the visits multiplies the distribution by the mean time in the part.
-        """
-        transient = Transient.of(matrix, part)
-        value, survival = _guess(transient)
-        residual, solves = math.inf, 0
-        while solves < _SOLVES:
-            solves += 1
-            found = transient.visits(value)
-            with np.errstate(all="ignore"):
-                ratio = found.value / value
-                error = np.fmin(found.relative, found.left / value)
-                low, high = (ratio / (1 + error)).min(), (ratio / (1 - error)).max()
-                left = high / low - 1 if error.max() < 1 else math.inf
-            total = found.value.sum()
-            if not math.isfinite(total):
-                break
-            value = found.value / total
-            changed = ratio.max() / ratio.min() - 1
-            better, residual = left < residual / 2, float(np.fmin(left, residual))
-            if changed <= _ROUNDING * value.size or (residual <= TOLERANCE and not better):
-                break
-        leaving = float(transient.leaving @ value)
-        return cls(value, survival, leaving, (solves, residual))
+    with np.errstate(all="ignore"):
+        error = np.fmin(found.relative, found.left / last)
+        ratio = found.value / last
+        bound = (ratio / (1 - error)).max() / (ratio / (1 + error)).min() - 1
+    residual = float(bound) if error.max() < 1 and np.isfinite(bound) else math.inf
+    return part, (value, survival, solves, residual)
 
 
 def _guess(part: Transient) -> tuple[Float[np.ndarray, "part"], Float[np.ndarray, "part"]]:
     """Guess the left and the right eigenvector of the visits of a part."""
     size = part.cells.size
-    ones = np.ones(size)
     if size <= solve.LIMITS.small:
         # A high power of the visits is the product of both eigenvectors.
         power = part.visited(np.eye(size))[0].T
@@ -187,61 +149,20 @@ def _guess(part: Transient) -> tuple[Float[np.ndarray, "part"], Float[np.ndarray
             power = power / power.max()
             power = power @ power
         row, column = power.sum(axis=1).argmax(), power.sum(axis=0).argmax()
-        left, right = power[row], power[:, column]
-    else:
-        left = right = ones
+        return power[row] / power[row].sum(), power[:, column] / power[:, column].max()
+    left = right = np.ones(size) / size
+    # If this fails, the guess is uniform.
+    with contextlib.suppress(RuntimeError):
         if size <= solve.LIMITS.complete:
-            with contextlib.suppress(RuntimeError):
-                left = np.abs(_nearest_to_1(part.step).real)
-    least = np.finfo(float).tiny
-    return np.maximum(left / left.sum(), least), right / right.max()
+            apply = solve.factored(part.step)
+            start = np.random.default_rng(_SEED).random(size)
+            left, right = (_nearest_to_1(apply, start, adjoint) for adjoint in (True, False))
+    return left / left.sum(), right
 
 
-def _nearest_to_1(step: scipy.sparse.csr_array) -> Any:
-    """Return the left eigenvector of the eigenvalue that is nearest to 1."""
-    apply = solve.factored(step)
-    inverse = linalg.LinearOperator(
-        step.shape, matvec=lambda x: apply(x.reshape(-1, 1), True)[:, 0], dtype=float
+def _nearest_to_1(apply: Any, start: np.ndarray, adjoint: bool) -> Float[np.ndarray, "part"]:
+    """Return the eigenvector of a matrix for the largest eigenvalue of its visits `apply`."""
+    visits = linalg.LinearOperator(
+        (start.size, start.size), lambda x: apply(x.reshape(-1, 1), adjoint)[:, 0], dtype=float
     )
-    start = np.random.default_rng(_SEED).random(step.shape[0])
-    return linalg.eigs(step.T.tocsr(), k=1, sigma=1.0, OPinv=inverse, v0=start)[1][:, 0]
-
-
-def slowest_part(matrix: scipy.sparse.csr_array, inside: Cells) -> tuple[Cells, _Found]:
-    """Find the part that is reached from the component that is left most slowly, and solve it."""
-    cells = np.flatnonzero(inside)
-    among = matrix[cells][:, cells]
-    out = leaving_of(matrix, inside)[cells]
-    kept = ~reaching(among, out > 0)
-    if kept.any():
-        raise ValueError(
-            f"quasi_stationary: the set is never left from cell {cells[kept][0]}; "
-            "limiting_distribution serves closed sets"
-        )
-    count, label = csgraph.connected_components(among, connection="strong")
-    if count == 1:
-        return inside, _Found.of(matrix, inside)
-    size = np.bincount(label)
-    leaves = np.full(count, math.inf)
-    off = among - scipy.sparse.diags_array(among.diagonal())
-    alone = size[label] == 1
-    leaves[label[alone]] = (out + off @ np.ones(cells.size))[alone]
-    for number in np.flatnonzero(size > 1):
-        part = np.zeros(inside.size, bool)
-        part[cells[label == number]] = True
-        leaves[number] = _Found.of(matrix, part).leaving
-    slowest = int(leaves.argmin())
-    begin = label == slowest
-    reached = reaching(among.T.tocsr(), begin)
-    if (np.delete(leaves, slowest) <= leaves[slowest] * (1 + _TIE)).any():
-        raise ValueError(
-            "quasi_stationary: two separate parts of the set are left equally slowly, so that the "
-            "distribution depends on the start; choose one of the parts"
-        )
-    part = np.zeros(inside.size, bool)
-    part[cells[reached]] = True
-    return part, _Found.of(matrix, part)
-
-
-def _complex(values: Any) -> Any:
-    return values.astype(complex)
+    return np.abs(linalg.eigs(visits, k=1, which="LR", v0=start)[1][:, 0].real)

@@ -12,14 +12,14 @@ from ..base.certificate import Certificate, Real, Solution
 from ..base.divided import put_on_device
 from ..base.precision import require_x64
 from ..base.shown import Pictured
-from ..base.wide import namespace, traced
+from ..base.wide import traced
 from ..mapping.classes import reaching
 from ..mapping.generalized import Chain, ChainLike
 from ..mapping.traced import like, on_host
 from .conditional import arrival_probabilities
 from .hitting import TOLERANCE, Cells, cell_mask
 from .limiting import limiting_distribution
-from .traced import CERTIFIED, visited
+from .traced import CERTIFIED, expected
 from .transient import Transient
 
 
@@ -33,72 +33,56 @@ def committor(
 ) -> Solution:
     """Compute the probability that a chain reaches a target before it reaches a source.
 
-    The forward committor of a cell in neither set looks ahead: it is the probability that the chain
-    reaches the target next. It is 0 if the chain ends elsewhere or leaves the space. The backward
-    committor looks back: it is the probability that a chain in the long run, which is in the cell
-    now, was last in the source and not in the target (E and Vanden-Eijnden 2006; Metzner, Schuette
-    and Vanden-Eijnden 2009).
+    The forward committor looks ahead; it is 0 where the chain ends elsewhere or leaves the space.
+    The backward committor looks back: it is the probability that a chain in the long run, which is
+    in the cell now, was last in the source and not in the target (Metzner, Schuette and
+    Vanden-Eijnden 2009).
 
-    **Arguments:** a chain; two disjoint sets of cells, each as a cell, a list of cells, or a mask;
-    and whether to look back.
+    **Arguments:** two disjoint sets, each as a cell, a list of cells, or a mask; and whether to
+    look back. **Returns:** the probability for each cell. The backward committor is NaN in cells
+    where the chain never is in the long run. The residual of the certificate bounds the error of
+    every probability or, if `backward`, the mean error in the limiting distribution.
 
-    **Returns:** the forward committor of each cell, 0 in the source and 1 in the target; or the
-    backward committor, 1 in the source, 0 in the target, and NaN in cells where the chain never is
-    in the long run. The residual of the certificate bounds the error of every probability, or the
-    mean of the errors in the limiting distribution if `backward`.
+    A random walk on a line of four cells, which stops at both ends:
 
-    A random walk on a line of five cells:
-
-        >>> import numpy as np
-        >>> from jaxcell import markov
-        >>> P = (np.eye(5, k=1) + np.eye(5, k=-1)) / 2
-        >>> P[0, 0] = P[4, 4] = 0.5
-        >>> markov.committor(P, source=0, target=4).value.round(6).tolist()
-        [0.0, 0.25, 0.5, 0.75, 1.0]
-        >>> markov.committor(P, source=0, target=4, backward=True).value.round(6).tolist()
-        [1.0, 0.75, 0.5, 0.25, 0.0]
+        >>> from jaxcell import examples, markov
+        >>> (3 * markov.committor(examples.ruin(), source=0, target=3).value).round(6).tolist()
+        [0.0, 1.0, 2.0, 3.0]
     """
     require_x64("committor")
     here, there, both = _two_sets(chain, source, target)
     if backward:
         share, mass, certificate = _last_in_source(chain, here, there)
-        xp = namespace(share, mass)
-        seen = share > 0
-        value = xp.where(seen, mass / xp.where(seen, share, 1.0), xp.nan)
-        solution = Solution(put_on_device(value + both), certificate)
+        value = jnp.where(share > 0, mass / jnp.where(share > 0, share, 1.0), jnp.nan)
+        solution = Solution(value, certificate)
     else:
-        found = arrival_probabilities(_stopped(chain, here), there, throw=False)
-        solution = dataclasses.replace(found, value=found.value + both)
+        solution = arrival_probabilities(_stopped(chain, here), there, throw=False)
     solution.certificate.check("committor", throw)
-    return solution
+    return dataclasses.replace(solution, value=solution.value + both)
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class ReactiveFlux(Pictured):
-    """The transitions of a chain in the long run: its paths from a source directly to a target.
-
-    A transition begins at the last cell of the source and ends at the first cell of the target.
-    """
+    """The transitions of a chain in the long run: its paths from a source directly to a target."""
 
     gross: Float[Array, "branches cells"]
-    """The number of transitions per step of the chain that use each branch: the image
-    `chain.image[branch, cell]` after the cell. Steps that stay in a cell count as 0."""
+    """The number of transitions per step of the chain that use each branch, from the cell to
+    `chain.image[branch, cell]`; 0 for steps that stay in a cell."""
     net: Float[Array, "branches cells"]
     "The same, minus the transitions that go back from the image to the cell; at least 0."
     rate: Real
     "The number of transitions per step of the chain."
     duration: Real
-    "The mean number of steps of a transition; NaN if there are none."
+    "The mean number of steps from the last cell in the source to the first cell in the target."
     time: Real
-    """The mean time until the chain is in the target, after it came to the source from the target:
-    the number of steps per transition in which the chain was last in the source."""
+    "The mean time to the target, after the chain came to the source from the target."
     density: Float[Array, "cells"]
     "The share of the time that the chain is in each cell during a transition, between the sets."
     certificate: Certificate
     """The certificate. Its residual is the largest of the residuals of the limiting distribution
-    and of the forward committor, the mean error of the backward committor, and the relative
-    difference of the numbers of transitions that leave the source and enter the target."""
+    and of the two committors, and of the relative difference of the numbers of transitions that
+    leave the source and enter the target."""
 
 
 def reactive_flux(
@@ -110,26 +94,19 @@ def reactive_flux(
 ) -> ReactiveFlux:
     """Compute the flux of transitions from a source to a target in the long run.
 
-    With the limiting distribution `pi`, the backward committor `b` and the forward committor `f`,
-    the flux from cell `i` to cell `j` is `pi_i b_i p_ij f_j` (transition path theory: Metzner,
-    Schuette and Vanden-Eijnden 2009). Small numbers keep their digits, because masses `pi b` are
-    computed as expected visits, without the division by `pi`.
+    With the limiting distribution `pi` and the committors `b` and `f`, the flux from cell `i` to
+    cell `j` is `pi_i b_i p_ij f_j` (Metzner, Schuette and Vanden-Eijnden 2009). Small numbers keep
+    their digits, because `pi b` is computed as expected visits, without a division by `pi`.
 
-    **Arguments:** a chain with a persistent group, and two disjoint sets of cells. The rate is 0
-    unless a persistent group has cells in both sets. **Returns:** the flux of each branch, the rate
-    of transitions, and their durations.
+    **Arguments:** a chain with a persistent group, and two sets as for [`committor`][].
+    **Returns:** fluxes and times. The rate is 0 unless a persistent group has cells in both sets.
 
-    **Raises:** `ValueError` if the chain has no persistent group, because it leaves the space.
+    A random walk on a line of three cells:
 
-    A random walk on a line of five cells:
-
-        >>> import numpy as np
-        >>> from jaxcell import markov
-        >>> P = (np.eye(5, k=1) + np.eye(5, k=-1)) / 2
-        >>> P[0, 0] = P[4, 4] = 0.5
-        >>> flux = markov.reactive_flux(P, source=0, target=4)
+        >>> from jaxcell import examples, markov
+        >>> flux = markov.reactive_flux(examples.walk(), source=0, target=2)
         >>> round(flux.rate, 6), round(flux.time, 6), round(flux.duration, 6)
-        (0.025, 20.0, 6.0)
+        (0.125, 4.0, 2.0)
     """
     require_x64("reactive_flux")
     here, there, both = _two_sets(chain, source, target)
@@ -141,13 +118,11 @@ def reactive_flux(
         )
     forward = arrival_probabilities(_stopped(chain, here), there, throw=False)
     given = put_on_device((mass + both, forward.value, here, there))
-    gross, net, rate, duration, time, density, uneven = _flux(chain, *given)
-    if not traced(gross):
-        rate, duration, time, uneven = (float(x) for x in (rate, duration, time, uneven))
-    errors = backward.residual, forward.certificate.residual, uneven
-    worst: Any = jnp.stack(errors).max() if traced(errors) else max(errors)
+    (gross, net, density), numbers = _flux(chain, *given)
+    rate, duration, time, uneven = numbers if traced(numbers) else map(float, numbers)
+    residual = _largest(backward.residual, forward.certificate.residual, uneven)
     products = backward.iterations + forward.certificate.iterations
-    certificate = Certificate(products, worst, TOLERANCE)
+    certificate = Certificate(products, residual, TOLERANCE)
     certificate.check("reactive_flux", throw)
     return ReactiveFlux(gross, net, rate, duration, time, density, certificate)
 
@@ -159,7 +134,7 @@ def _flux(
     forward: Float[Array, "cells"],
     here: Bool[Array, "cells"],
     there: Bool[Array, "cells"],
-) -> tuple[Any, ...]:
+) -> tuple[Any, Any]:
     image, me = chain.image, jnp.arange(chain.cells, dtype=chain.image.dtype)[None]
 
     def add(sums, branch):  # type: ignore[no-untyped-def]
@@ -168,9 +143,9 @@ def _flux(
         forth = forth + jnp.where(end[None] == image, chance[None], 0.0)
         return (forth, back + jnp.where(end[image] == me, chance[image], 0.0)), None
 
-    start = jnp.zeros_like(chain.probability), jnp.zeros_like(chain.probability)
+    none = jnp.zeros_like(chain.probability)
     # The probabilities of the steps from each cell to its image and back, over all branches.
-    (forth, back), _ = jax.lax.scan(add, start, (image, chain.probability))
+    (forth, back), _ = jax.lax.scan(add, (none, none), (image, chain.probability))
     moves = (image != me) & (chain.probability > 0)
     gross = jnp.where(moves, mass[None] * chain.probability * forward[image], 0.0)
     share = jnp.where(moves, chain.probability / jnp.where(moves, forth, 1.0), 0.0)
@@ -178,20 +153,23 @@ def _flux(
     rate = jnp.sum(mass * chain.pull(forward), where=here)
     entering = jnp.sum(chain.push(mass), where=there)
     density = jnp.where(here | there, 0.0, mass * forward)
-    duration = 1 + jnp.sum(density) / rate
     uneven = jnp.where(rate > 0, jnp.abs(entering / rate - 1), entering)
-    return gross, net, rate, duration, jnp.sum(mass) / rate, density, uneven
+    numbers = rate, 1 + jnp.sum(density) / rate, jnp.sum(mass) / rate, uneven
+    return (gross, net, density), numbers
+
+
+def _largest(*errors: Any) -> Any:
+    return jnp.stack(errors).max() if traced(errors) else max(errors)
 
 
 def _two_sets(chain: Chain, source: Any, target: Any) -> tuple[Any, Any, Any]:
     """Return the masks of two sets, and 0, or NaN for traced sets that are not disjoint."""
     here = cell_mask(chain.cells, source, "source")
     there = cell_mask(chain.cells, target, "target")
-    xp = namespace(here, there)
     both = here & there
     if traced(both):
         wrong = both.any() | ~here.any() | ~there.any()
-        return here, there, xp.where(wrong, xp.nan, 0.0)
+        return here, there, jnp.where(wrong, jnp.nan, 0.0)
     if both.any():
         raise ValueError(
             f"source, target: expected two disjoint sets, but both have cell {int(both.argmax())}"
@@ -202,23 +180,20 @@ def _two_sets(chain: Chain, source: Any, target: Any) -> tuple[Any, Any, Any]:
 def _stopped(chain: Chain, here: Any) -> Chain:
     """Return the chain that leaves the space in its next step from the cells `here`."""
     half = None if chain.half is None else _stopped(chain.half, here)
-    probability = jnp.where(jnp.asarray(here)[None], 0.0, chain.probability)
-    return Chain(chain.image, probability, half)
+    return Chain(chain.image, jnp.where(here[None], 0.0, chain.probability), half)
 
 
 def _last_in_source(chain: Chain, here: Any, there: Any) -> tuple[Any, Any, Certificate]:
     """Compute the limiting distribution, and its mass that was last in the source `here`."""
     limit = limiting_distribution(chain, throw=False)
-    share = limit.value
-    xp = namespace(share, here)
-    entering = chain.push(xp.where(here, share, 0.0))
+    entering = chain.push(jnp.where(here, limit.value, 0.0))
     form = like(float, chain.cells), like(bool, chain.cells), *CERTIFIED
-    mass, inside, products, error = on_host(_masses, form, chain, share, here, there, entering)
-    mass = visited(mass, chain, inside, entering)
-    mass = xp.where(here, share, mass)
-    residual = namespace(error, limit).maximum(limit.certificate.residual, error)
-    products = products + limit.certificate.iterations
-    return share, mass, Certificate(products, residual, TOLERANCE)
+    given = chain, limit.value, here, there, entering
+    mass, inside, products, error = on_host(_masses, form, *given)
+    mass = jnp.where(here, limit.value, expected(mass, chain, inside, entering, adjoint=True))
+    error = _largest(limit.certificate.residual, error)
+    iterations = products + limit.certificate.iterations
+    return limit.value, mass, Certificate(iterations, error, TOLERANCE)
 
 
 def _masses(

@@ -18,7 +18,7 @@ from ..mapping.generalized import Chain, ChainLike
 from ..mapping.traced import like, on_host
 from .hitting import TOLERANCE, Cells, cell_mask
 from .passage import start_distribution
-from .traced import CERTIFIED, visited
+from .traced import CERTIFIED, expected
 from .transient import Transient, leaving_of
 
 
@@ -31,19 +31,15 @@ def visits(
 ) -> Solution:
     """Compute the expected number of visits to each cell before a chain leaves a set of cells.
 
-    For a start in one cell, the numbers are a row of the fundamental matrix `(I - Q)^-1` (Kemeny
-    and Snell 1960, chapter 3). The start counts as a visit. Their sum is the expected time.
+    For one start, it is a row of the fundamental matrix `(I - Q)^-1` (Kemeny and Snell 1960). The
+    start counts as a visit, so that the sum is the expected time.
 
-    **Arguments:**
+    **Arguments:** a start as in [`jaxcell.markov.first_passage`][]; and the set, as a cell, a list
+    of cells, or a mask, by default all transient cells, which the chain leaves when it is absorbed.
 
-    - `start`: a cell, a list of cells, a mask, or a distribution, as in
-        [`jaxcell.markov.first_passage`][].
-    - `within`: the cells in which visits count until the chain first leaves them, as a cell, a list
-        or a mask; by default all transient cells, which the chain leaves when it is absorbed.
-
-    **Returns:** the number of visits to each cell, 0 outside the set, and `inf` for cells that are
-    reached but from which the set cannot be left. The residual of the certificate bounds the sum of
-    the errors of the finite numbers, relative to their sum.
+    **Returns:** the number of visits, 0 outside the set, and `inf` for cells that are reached, but
+    from which the set cannot be left. The residual of the certificate bounds the sum of the errors
+    of finite numbers, relative to their sum, and that of the probabilities of all ways out.
 
     A random walk on a line of four cells, which stops at both ends:
 
@@ -51,8 +47,38 @@ def visits(
         >>> (3 * markov.visits(examples.ruin(), start=1).value).round(6).tolist()
         [0.0, 4.0, 2.0, 0.0]
     """
-    inside = _within(chain, within)
-    return _visits(chain, start_distribution(chain.cells, start), inside, "visits", throw)
+    require_x64("visits")
+    inside = (
+        persistent_groups(chain).group < 0
+        if within is None
+        else cell_mask(chain.cells, within, "within")
+    )
+    begin = start_distribution(chain.cells, start)
+    form = (like(float, chain.cells), like(bool, chain.cells), like(bool, chain.cells), *CERTIFIED)
+    value, part, endless, products, error = on_host(_visits, form, chain, begin, inside)
+    if traced(begin):
+        error = jnp.where(jnp.isnan(begin).any(), jnp.nan, error)
+    certificate = Certificate(products, error, TOLERANCE)
+    certificate.check("visits", throw)
+    value = expected(value, chain, part, begin, adjoint=True)
+    return Solution(put_on_device(namespace(value).where(endless, np.inf, value)), certificate)
+
+
+def _visits(
+    matrix: scipy.sparse.csr_array, start: Float[np.ndarray, "cells"], inside: Cells
+) -> tuple[Any, ...]:
+    """Return the visits of the cells that can be left, these cells, and the cells without end."""
+    inside = np.asarray(inside)
+    cells = np.flatnonzero(inside)
+    among = matrix[cells][:, cells]
+    left = reaching(among, leaving_of(matrix[cells], inside) > 0)
+    reached = reaching(among.T.tocsr(), start[cells] > 0)
+    value, part, endless = np.zeros(inside.size), inside.copy(), np.zeros_like(inside)
+    part[cells], endless[cells] = left, reached & ~left
+    transient = Transient.of(matrix, part)
+    found = transient.visits(start[part])
+    value[part] = found.value
+    return value, part, endless, found.products, max(transient.sum_error(found), found.exits_error)
 
 
 @jax.tree_util.register_dataclass
@@ -61,11 +87,9 @@ class Exits(Pictured):
     """The cells by which a chain leaves a set, at its first step out of it."""
 
     last: Float[Array, "cells"]
-    """The probability that each cell is the last one before the chain leaves the set; the sum is
-    the probability of ever leaving it from inside. The next step may lead out of the space."""
+    "The probability that each cell is the last one in the set; the next may be out of the space."
     first: Float[Array, "cells"]
-    """The probability that each cell is the first one outside the set; a start outside is its own
-    exit."""
+    "The probability that each cell is the first one outside; a start outside is its own exit."
     certificate: Certificate
     "The certificate; its residual bounds the sum of the errors of the probabilities `last`."
 
@@ -89,66 +113,17 @@ def exit_distribution(
         >>> (3 * exits.last).round(6).tolist(), (3 * exits.first).round(6).tolist()
         ([0.0, 2.0, 1.0, 0.0], [2.0, 0.0, 0.0, 1.0])
     """
-    inside = _within(chain, within)
+    inside = cell_mask(chain.cells, within, "within")
     begin = start_distribution(chain.cells, start)
-    found = _visits(chain, begin, inside, "exit_distribution", throw, exits=True)
-    last, first = _exits(chain, *put_on_device((begin, inside, found.value)))
-    return Exits(last, first, found.certificate)
-
-
-def _within(chain: Chain, within: npt.ArrayLike | int | None) -> Any:
-    if within is None:
-        return persistent_groups(chain).group < 0
-    return cell_mask(chain.cells, within, "within")
+    found = visits(chain, begin, inside, throw=throw)
+    # Cells with infinitely many visits have no step out of the set.
+    counted = jnp.where(jnp.isfinite(found.value), found.value, 0.0)
+    first = jnp.where(inside, 0.0, begin + chain.push(counted))
+    return Exits(counted * out_of(chain, inside), first, found.certificate)
 
 
 @jax.jit
-def _exits(
-    chain: Chain,
-    start: Float[Array, "cells"],
-    inside: Bool[Array, "cells"],
-    visits: Float[Array, "cells"],
-) -> tuple[Float[Array, "cells"], Float[Array, "cells"]]:
-    # Cells with infinitely many visits have no step out of the set.
-    counted = jnp.where(jnp.isfinite(visits), visits, 0.0)
-    first = jnp.where(inside, 0.0, start + chain.push(counted))
-    return counted * out_of(chain, inside), first
-
-
-def out_of(chain: Chain, inside: Bool[Array, "cells"]) -> Float[Array, "cells"]:
+def out_of(chain: Chain, inside: Bool[Array | np.ndarray, "cells"]) -> Float[Array, "cells"]:
     """Return the probability of a step from each cell out of a set, as a sum of probabilities."""
+    inside = jnp.asarray(inside)
     return chain.leaving + jnp.sum(jnp.where(inside[chain.image], 0.0, chain.probability), axis=0)
-
-
-def _visits(
-    chain: Chain, start: Any, inside: Any, caller: str, throw: bool, exits: bool = False
-) -> Solution:
-    """Compute the visits, and the certificate of all exits if `exits`, otherwise of the visits."""
-    require_x64(caller)
-    form = like(float, chain.cells), like(bool, chain.cells), like(bool, chain.cells), *CERTIFIED
-    value, part, endless, products, *errors = on_host(
-        _counted, (*form, like(float)), chain, start, inside
-    )
-    sound = jnp.where(jnp.isnan(start).any(), jnp.nan, 0.0) if traced(start) else 0.0
-    certificate = Certificate(products, errors[exits] + sound, TOLERANCE)
-    certificate.check(caller, throw)
-    value = visited(value, chain, part, start)
-    value = namespace(value).where(endless, np.inf, value)
-    return Solution(put_on_device(value), certificate)
-
-
-def _counted(
-    matrix: scipy.sparse.csr_array, start: Float[np.ndarray, "cells"], inside: Cells
-) -> tuple[Any, ...]:
-    """Return the visits of the cells that can be left, these cells, and the cells without end."""
-    inside = np.asarray(inside)
-    among = scipy.sparse.diags_array(inside.astype(float)) @ matrix
-    among = scipy.sparse.csr_array(among @ scipy.sparse.diags_array(inside.astype(float)))
-    among.eliminate_zeros()
-    part = inside & reaching(among, inside & (leaving_of(matrix, inside) > 0))
-    endless = inside & ~part & reaching(among.T.tocsr(), inside & (start > 0))
-    value = np.zeros(inside.size)
-    transient = Transient.of(matrix, part)
-    found = transient.visits(start[part])
-    value[part] = found.value
-    return value, part, endless, found.products, transient.sum_error(found), found.exits_error
