@@ -32,6 +32,23 @@ has arrived is a product of one probability per robot (section 4.4.6). See `arri
 `hitting_times`, `conditional_hitting_times` and `first_passage` for one robot, and `first_arrival`,
 `mean_first_arrival` and `simulate_arrival` for several. `sample_walks` draws walks step by step.
 
+The number of *visits* to each cell before the chain leaves a set is a row of `(I - Q)^-1`, where
+`Q` is now the part of `P` in this set; `visits` and `exit_distribution` compute it, and the cells
+by which the chain leaves. `passage_time_variance` solves
+`v = sum_j p_ij (1 + k_j - k_i)^2 + P v`, `passage_quantiles` inverts the law of the first passage,
+and `most_probable_path` finds the path with the largest product of probabilities.
+
+**Between two sets.** For a source `A` and a target `B`, the forward *committor* `f` is the
+probability of reaching `B` before `A`, and the backward committor `b` that of having been last in
+`A`, of a chain in the long run:
+
+    f = 0 on A, 1 on B, P f elsewhere;     pi b = pi on A, 0 on B, (pi b) P elsewhere.
+
+Transitions from `A` to `B` have the *reactive flux* `pi_i b_i p_ij f_j` from `i` to `j`. See
+`committor` and `reactive_flux`. The *quasi-stationary distribution* in a set, `v Q = (1 - l) v`, is
+that of a chain that has not left the set for a long time. In each step it leaves with probability
+`l`. See `quasi_stationary`.
+
 **Nearly closed.** A chain with sets that it seldom leaves has eigenvalues near 1. `leading_modes`
 computes these eigenvalues with their left and right eigenvectors. `almost_invariant_sets` finds
 sets that are hardly left or entered, `coherent_sets` finds sets that move and hardly mix with their

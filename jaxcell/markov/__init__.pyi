@@ -15,6 +15,7 @@ from .hitting import (
     absorption_times as absorption_times,
     hitting_times as hitting_times,
 )
+from .likely_path import most_probable_path as most_probable_path
 from .limiting import (
     LimitingDistribution as LimitingDistribution,
     limiting_distribution as limiting_distribution,
@@ -24,6 +25,10 @@ from .mean_arrival import (
     mean_first_arrival as mean_first_arrival,
 )
 from .passage import first_passage as first_passage
+from .passage_times import (
+    passage_quantiles as passage_quantiles,
+    passage_time_variance as passage_time_variance,
+)
 from .quantities import (
     commute_times as commute_times,
     entropy_rate as entropy_rate,
@@ -31,6 +36,10 @@ from .quantities import (
     kemeny_constant as kemeny_constant,
     mixing_time as mixing_time,
     slem as slem,
+)
+from .quasi import (
+    QuasiStationary as QuasiStationary,
+    quasi_stationary as quasi_stationary,
 )
 from .sets.modes import Modes as Modes, leading_modes as leading_modes
 from .sets.nearly_closed import (
@@ -44,4 +53,14 @@ from .shortest_path import (
     stochastic_shortest_path as stochastic_shortest_path,
 )
 from .simulation import Arrivals as Arrivals, simulate_arrival as simulate_arrival
+from .transition_paths import (
+    ReactiveFlux as ReactiveFlux,
+    committor as committor,
+    reactive_flux as reactive_flux,
+)
+from .visited import (
+    Exits as Exits,
+    exit_distribution as exit_distribution,
+    visits as visits,
+)
 from .walks import sample_walks as sample_walks

@@ -202,13 +202,13 @@ def _basins(
         return np.eye(rows)[0], 0.0, 0, 0.0
     start = np.full(group.size, 1 / group.size)
     part = Transient.of(matrix, group < 0)
-    visits, products, error = part.visits(start[part.cells])
-    branching = part.cells[part.branching]
-    entering = matrix[branching].T @ visits
+    visited = part.visits(start[part.cells])
+    entering = matrix[part.cells].T @ visited.value
     inside = group >= 0
     share = np.zeros(rows)
     np.add.at(share, group[inside], (start + entering)[inside])
-    return share, float(leaving[branching] @ visits), products, error
+    left = float(leaving[part.cells] @ visited.value)
+    return share, left, visited.products, visited.exits_error
 
 
 def _basins_of_many(

@@ -31,22 +31,30 @@ def expected(
     value: Float[Array | np.ndarray, "cells"],
     chain: Chain,
     inside: Bool[Array | np.ndarray, "cells"],
-    gain: Float[Array, "cells"] | float,
+    gain: Any,
+    *,
+    adjoint: bool = False,
 ) -> Any:
     """Return `value` with its derivatives, where it solves `x = gain + P x` on cells `inside`.
 
-    Values of other cells are constant; those that are infinite do not matter to cells `inside`.
+    With `adjoint`, the equation is `x = gain + P' x`, and values of other cells are 0. Otherwise
+    they are constant; those that are infinite do not matter to cells `inside`.
     """
     if not traced(value, chain, inside, gain):
         return value
-    return implicit(_expected_change, value, (chain, inside, jnp.asarray(gain, value.dtype)))
+    change = _visits_change if adjoint else _expected_change
+    return implicit(change, value, (chain, inside, jnp.asarray(gain, value.dtype)))
 
 
-def _expected_change(value: Any, inputs: Any) -> Any:
+def _expected_change(value: Any, inputs: Any, adjoint: bool = False) -> Any:
     chain, inside, gain = inputs
-    now = jnp.where(jnp.isfinite(value), value, 0.0)
-    left = gain + chain.pull(now) - now
-    return solve(chain, inside, left - jax.lax.stop_gradient(left))
+    now = jnp.where(inside if adjoint else jnp.isfinite(value), value, 0.0)
+    left = gain + (chain.push(now) if adjoint else chain.pull(now)) - now
+    return solve(chain, inside, left - jax.lax.stop_gradient(left), adjoint=adjoint)
+
+
+def _visits_change(value: Any, inputs: Any) -> Any:
+    return _expected_change(value, inputs, adjoint=True)
 
 
 def solve(
@@ -88,7 +96,8 @@ def _solved(
         return x
     part = Transient.of(matrix, inside)
     x[inside] = solve_signed(
-        lambda columns: part.visited(columns) if adjoint else part.expect(columns).value[:, :-1], b
+        lambda columns: part.visited(columns)[0] if adjoint else part.expect(columns).value[:, :-1],
+        b,
     )
     return x
 

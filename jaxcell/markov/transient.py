@@ -1,4 +1,5 @@
 import dataclasses
+import math
 from typing import TypeAlias
 
 import numpy as np
@@ -54,7 +55,7 @@ class Transient:
         cells = np.flatnonzero(inside)
         rows = matrix[cells]
         step = rows[:, cells]
-        leaving = rows @ (~inside).astype(float) + leaving_rows(rows)
+        leaving = leaving_of(rows, inside)
         count = cells.size
         start = step.indptr[:-1]
         # Beside a step of probability 1 there may be a step whose probability is below rounding.
@@ -130,35 +131,47 @@ class Transient:
         terms = np.diff(self.jump.indptr).max(initial=0) + len(self.hops) + 2
         return float(2 * self.branching.size * terms * _HALF_ULP)
 
-    def visited(self, start: _Columns) -> _Columns:
-        """Compute the expected visits to each cell, `x = start + Q' x`; `start` is not negative."""
+    def visited(self, start: _Columns) -> tuple[_Columns, int, float]:
+        """Compute the expected visits to each cell, `x = start + Q' x`; `start` is not negative.
+
+        This is the adjoint of `expect`. Returns the visits, the number of products, and a bound on
+        the relative error of every entry, or `inf` if the residual must tell the error.
+        """
         arriving = _summed(self.end, start, self.branching.size)
-        leaving = self.leaving[self.branching]
-        at_branching, _, _ = solve_transient(self.jump, leaving, arriving, adjoint=True)
+        at_branching, products, relative = solve_transient(
+            self.jump, self.leaving[self.branching], arriving, adjoint=True
+        )
         passing = np.zeros((self.cells.size + 1, start.shape[1]))
         passing[:-1] = start + self.step[self.branching].T @ at_branching
         for hop in self.hops:
             passing += _summed(hop, passing[:-1], len(passing))
         passing[self.branching] = at_branching
-        return passing[:-1]
+        return passing[:-1], products, relative + self._inputs
 
-    def visits(
-        self, start: Float[np.ndarray, "part"]
-    ) -> tuple[Float[np.ndarray, "section"], int, float]:
-        """Compute the expected visits to each branching cell, for a distribution of the start.
+    def visits(self, start: Float[np.ndarray, "part"]) -> "Visited":
+        """Compute the expected visits to each cell, for a distribution of the start."""
+        visits, products, relative = self.visited(start[:, None])
+        left = residual_bound(self.step.T.tocsr(), start[:, None], visits)[:, 0]
+        left = left + imprecision(self.step, self.leaving) * np.abs(visits[:, 0])
+        return Visited(visits[:, 0], products, relative, left)
 
-        This is the adjoint of `expect`. The part is left only from branching cells.
+    def sum_error(self, visited: "Visited") -> float:
+        """Bound the sum of the errors of all visits, relative to the sum of the visits."""
+        total = float(visited.value.sum())
+        if math.isfinite(visited.relative) or not total:
+            return visited.relative if math.isfinite(total) else math.inf
+        # A visit that the residual adds is followed by the expected number of steps from there.
+        steps = self.expect(np.empty((self.cells.size, 0)))
+        with np.errstate(all="ignore"):
+            error = float(visited.left @ (steps.value + steps.error)[:, 0] / total)
+        return math.inf if math.isnan(error) else error
 
-        **Returns:** the visits, the number of matrix products, and a bound on the sum of the errors
-        of the probabilities of all ways out.
-        """
-        arriving = _summed(self.end, start[:, None], self.branching.size)
-        leaving = self.leaving[self.branching]
-        visits, products, relative = solve_transient(self.jump, leaving, arriving, adjoint=True)
-        # All visits that the residual adds end with a step out of the part.
-        left = residual_bound(self.jump.T.tocsr(), arriving, visits).sum()
-        short = imprecision(self.jump, leaving) @ np.abs(visits[:, 0])
-        return visits[:, 0], products, float(np.fmin(relative + self._inputs, left + short))
+
+def leaving_of(
+    rows: scipy.sparse.csr_array, inside: Bool[np.ndarray, "cells"]
+) -> Float[np.ndarray, "rows"]:
+    """Return the probability of a step from each row out of some cells, as a sum over steps."""
+    return rows @ (~inside).astype(float) + leaving_rows(rows)
 
 
 def _summed(
@@ -185,3 +198,21 @@ class Expected:
         with np.errstate(all="ignore"):
             part = np.where(self.error > 0, self.error / np.abs(self.value), 0.0)
         return np.where(np.isnan(part), np.inf, part)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Visited:
+    """The expected number of visits to each cell of a part until the part is left."""
+
+    value: Float[np.ndarray, "part"]
+    products: int
+    relative: float
+    "A bound on the relative error of every number of visits; `inf` if it is unknown."
+    left: Float[np.ndarray, "part"]
+    "A bound on the residual of each equation."
+
+    @property
+    def exits_error(self) -> float:
+        """A bound on the sum of the errors of the probabilities of all ways out of the part."""
+        # All visits that the residual adds end with a step out of the part.
+        return float(np.fmin(self.relative, self.left.sum()))

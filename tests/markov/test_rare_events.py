@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -125,6 +126,24 @@ def test_times_up_a_line_of_30_cells_have_all_their_digits(up):
     assert float(result.value[0]) > 1e24
     assert exact.relative(result.value, exact.times(matrix, 29)) < 1e-13
     assert result.certificate.residual < 1e-10
+
+
+def test_times_up_a_line_of_300_cells_equal_their_recurrence_in_rational_numbers():
+    matrix = birth_and_death(np.full(299, 0.1), np.full(299, 0.8))
+    steps, expected = Fraction(0), [Fraction(0)]
+    # The mean time from a cell to the next one follows from that of the cell before.
+    for cell in range(299):
+        down = Fraction(matrix[cell, cell - 1]) if cell else Fraction(0)
+        steps = (1 + down * steps) / Fraction(matrix[cell, cell + 1])
+        expected = [time + steps for time in expected] + [Fraction(0)]
+    result = hitting_times(Chain.from_scipy(matrix), 299)
+    assert float(result.value[0]) > 1e270
+    errors = [
+        abs(float(Fraction(float(x)) / y - 1))
+        for x, y in zip(result.value[:-1], expected, strict=False)
+    ]
+    assert max(errors) < 1e-12
+    assert result.certificate.residual < 1e-6
 
 
 def test_kmr_chain_of_28_states_has_its_times():

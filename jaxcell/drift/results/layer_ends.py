@@ -256,8 +256,8 @@ class LayerEnds(Result):
             return by_cell
         transient = np.asarray(behaviour.groups.group) < 0
         part = Transient.of(behaviour.unrolled.to_scipy(), transient)
-        visits, _, _ = part.visits((part.cells < cells) / cells)
-        mean = self.exits[:, part.cells[part.branching]] @ visits
+        visits = part.visits((part.cells < cells) / cells).value
+        mean = self.exits[:, part.cells] @ visits
         # If an eddy almost traps drifters, 64-bit numbers are too inaccurate.
         known = np.isfinite(mean).all() and mean.sum() <= 1 + PROBABILITY
         return mean if known else np.full(mean.size, np.nan)

@@ -97,7 +97,7 @@ def leading_modes(
         vectors = like(complex, count, cells)
         form = (like(complex, count), vectors, vectors), CERTIFIED
         modes, about = on_host(compute, form, each)
-        modes = implicit(_change, modes, each)
+        modes = implicit(change_of_modes, modes, each)
     else:
         modes, about = compute(tuple(one.to_scipy() for one in each))
     products, residual = about
@@ -131,7 +131,7 @@ def _modes(matrices: _Matrices, count: int, exactly: bool) -> tuple[_Modes, tupl
 
 
 @first_derivative_only("leading_modes")
-def _change(modes: _Modes, steps: tuple[Chain, ...]) -> _Modes:
+def change_of_modes(modes: _Modes, steps: tuple[Chain, ...]) -> _Modes:
     """Compute the modes from their values, for their derivatives.
 
     With `M` the product of the steps, `M' f + M f' = value' f + value f'`, and `m f = 1`, so

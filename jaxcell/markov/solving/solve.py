@@ -155,7 +155,7 @@ def factor_and_solve(
                     # An approximate solution leaves mass in a part that only rare steps leave.
                     steps = np.append(step.data, leaving)
                     return x, products, bool(steps[steps > 0].min(initial=1.0) > _HIDDEN)
-        solve = _factored(step, order)
+        solve = factored(step, order)
         x, steps = solve(right, adjoint), solve(ones)
     except RuntimeError:
         return None, products, False
@@ -202,7 +202,7 @@ def _by_products(matrix: scipy.sparse.csr_array, right: Columns) -> tuple[Column
     return total, products, True
 
 
-def _factored(
+def factored(
     matrix: scipy.sparse.csr_array, order: Int[np.ndarray, "rows"] | None = None
 ) -> Callable[..., Columns]:
     """Factor `I - matrix`, and return a function that solves with it or with its transpose.
