@@ -42,11 +42,13 @@ class Law:
         basis, block = np.zeros((modes + 1, start.size)), np.zeros((modes + 1, modes))
         length = np.linalg.norm(start)
         basis[0] = start / length
-        visits = part.visited(np.eye(start.size)) if start.size <= _DENSE else None
+        visits = part.visited(np.eye(start.size))[0] if start.size <= _DENSE else None
         used = modes
         for k in range(modes):
-            dense = visits is not None
-            vector = visits @ basis[k] if dense else solve_signed(part.visited, basis[k])
+            if visits is None:
+                vector = solve_signed(lambda columns: part.visited(columns)[0], basis[k])
+            else:
+                vector = visits @ basis[k]
             size = np.linalg.norm(vector)
             # Twice, because rounding leaves a part of earlier vectors.
             for _ in range(2):
