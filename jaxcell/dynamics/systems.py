@@ -1,4 +1,4 @@
-"""Six example systems for `jaxcell dynamics`, which also runs systems from other files:
+"""Seven example systems for `jaxcell dynamics`, which also runs systems from other files:
 
 jaxcell dynamics pendulum --params T=0.5 --out runs/pendulum
 jaxcell dynamics my_systems.py:pendulum --params T=0.01:0.96:20
@@ -97,4 +97,17 @@ thomas = System(
     {"b": 0.1665},
     ("x", "y", "z"),
     "Thomas' cyclically symmetric system.",
+)
+
+
+def _well(x, p):  # type: ignore[no-untyped-def]
+    return p["a"] * x - x**3
+
+
+well = System(
+    flow(_well, dt=0.05, steps=20),
+    Box([-2.5], [2.5], cells=[200], axes="clamp"),
+    {"a": 1.0},
+    ("x",),
+    "A particle in a double well, x' = a x - x^3.",
 )

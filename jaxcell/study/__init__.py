@@ -38,6 +38,7 @@ from .bounce.team import Team as Team
 from .drift.drift import Drift as Drift
 from .drift.observed_drifters import Drifters as Drifters
 from .dynamics import Dynamics as Dynamics
+from .escape import Escape as Escape
 from .map_study import CellStudy as CellStudy, MapStudy as MapStudy
 from .morse import Morse as Morse
 from .parameters import (
@@ -64,6 +65,7 @@ STUDIES: tuple[type[Study], ...] = (
     Drift,
     Drifters,
     Dynamics,
+    Escape,
     Groups,
     Localize,
     LocalizeAnywhere,

@@ -34,7 +34,7 @@ class SystemStudy(Study):
         dataclasses.field(kw_only=False)
     )
     """FILE.py:NAME of a jaxcell.dynamics.System, or one of duffing, pendulum, henon, magnetic,
-    lorenz84 and thomas."""
+    lorenz84, thomas and well."""
     params: tuple[str, ...] = ()
     """Values that replace default parameters of the system, such as T=0.5."""
     cells: tuple[int, ...] = ()

@@ -167,6 +167,25 @@ def test_start_in_the_long_run_leaves_at_a_constant_rate():
     np.testing.assert_allclose(found.within * found.rate, -np.log(1 - found.share), rtol=1e-6)
 
 
+def test_most_probable_path_follows_the_valley():
+    # Two wells with the energy (x^2 - 1)^2 / 4 + (y - x^2 / 2)^2, and a bent valley between them.
+    def field(x, p):
+        apart = x[1] - x[0] ** 2 / 2
+        return jnp.stack([x[0] - x[0] ** 3 + 2 * x[0] * apart, -2 * apart])
+
+    found = dynamics.escape(
+        dynamics.flow(field, dt=0.05),
+        Box([-1.5, -0.5], [1.5, 1.0], [30, 30], "clamp"),
+        noise=0.1,
+        start=[-1, 0.5],
+        into=lambda x: np.hypot(x[:, 0] - 1, x[:, 1] - 0.5) < 0.2,
+    )
+    x, y = found.path.T
+    np.testing.assert_allclose(found.path[0], [-1, 0.5], atol=0.06)
+    assert np.abs(y - x**2 / 2).max() < 0.2
+    assert (np.abs(np.diff(found.path, axis=0)) < [0.11, 0.06]).all()
+
+
 def test_leaving_a_basin_is_entering_the_rest():
     box = Box([-2], [2], [80], "clamp")
     basins = dynamics.basins(WELL, box, STANDARD)

@@ -6,13 +6,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, diags_array
 
 from ...base.certificate import Certificate
 from ...base.quantities import derived, quantity
 from ...mapping import Chain
 from ...mapping.classes import reaching
-from ...markov import hitting_times
+from ...markov import hitting_times, most_probable_path
 from ...markov.hitting import TOLERANCE
 from ...markov.transient import Transient
 from ...space.box import Box
@@ -80,6 +80,11 @@ class Escape(OnBox):
         Float[np.ndarray, "cells"],
         quantity("cell", "probability of the cell after a long stay", kind="distribution"),
     ]
+    path: Annotated[
+        Float[np.ndarray, "points axes"], quantity("point axis", "most probable path to the end")
+    ]
+    """The path with the largest product of probabilities, of steps that leave a cell, from the
+    start to an end: the one that nearly all runs follow if noise is small."""
     residual: Annotated[
         float, quantity("", "bound on the relative error of the solver", kind="residual")
     ]
@@ -177,6 +182,18 @@ class _Stopped:
             "residual": float(solved.relative[:, -1].max(initial=0.0)),
             "weight": weight,
         }
+
+    def path(self, weight: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "points axes"]:
+        """Find the most probable path from the likeliest cell of a start to an end."""
+        size = self.ends.box.size
+        moves = csr_array(self.matrix - diags_array(self.matrix.diagonal()))
+        moves.eliminate_zeros()
+        each = moves @ np.ones(self.ends.cells)
+        moves = csr_array(diags_array(1 / np.where(each > 0, each, 1)) @ moves)
+        cells, _ = most_probable_path(
+            Chain.from_scipy(moves), int(weight.argmax()), np.arange(size, self.ends.cells)
+        )
+        return self.ends.box.centre(cells[:-1].astype(np.int32))
 
     @property
     def _open(self) -> np.ndarray:
@@ -290,6 +307,7 @@ def escape(
         end=_named(ends.names, axis_names(box, labels)),
         start=start,
         labels=labels,
+        path=whole.path(solved["weight"]),
         **values,
         **errors,
         **fields,

@@ -45,12 +45,10 @@ class Law:
         visits = part.visited(np.eye(start.size))[0] if start.size <= _DENSE else None
         used = modes
         for k in range(modes):
-            dense = visits is not None
-            vector = (
-                visits @ basis[k]
-                if dense
-                else solve_signed(lambda one: part.visited(one)[0], basis[k])
-            )
+            if visits is None:
+                vector = solve_signed(lambda columns: part.visited(columns)[0], basis[k])
+            else:
+                vector = visits @ basis[k]
             size = np.linalg.norm(vector)
             # Twice, because rounding leaves a part of earlier vectors.
             for _ in range(2):

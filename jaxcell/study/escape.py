@@ -1,0 +1,99 @@
+import dataclasses
+import operator
+import re
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
+
+from .. import dynamics
+from ..base import memory
+from .dynamics import SystemStudy, read_params
+from .parameters import did_you_mean
+from .study import Say, silent
+
+
+# Bytes per cell of the matrix of a flow and its factors.
+_BYTES_PER_CELL = 4000
+_CONDITION = re.compile(r"\s*(.+?)\s*([<>])\s*(\S+)\s*")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Escape(SystemStudy):
+    """Compute how long a noisy dynamical system stays in a region, and where it leaves."""
+
+    name: ClassVar[str] = "escape"
+    command: ClassVar[str] = "escape"
+    example: ClassVar[str] = "well --noise 0.4 --start=-1 --into 'x>0' --gradient"
+    task: ClassVar[str] = "escape"
+
+    noise: tuple[float, ...]
+    """Standard deviation of the noise, one number for all axes or one per axis: per square root of
+    time for a flow, and per mapping for other maps."""
+    start: tuple[float, ...] = ()
+    """Coordinates of the start; by default the start is distributed as among systems that have
+    stayed for long."""
+    into: tuple[str, ...] = ()
+    """Regions where the system ends, each with conditions on the axes, such as 'x>0' or
+    'x0>0,x1<2'. The sides of the box that are sinks end it too."""
+    leave: str = ""
+    "Region that the system leaves, such as 'x<0.5'."
+    gradient: bool = False
+    "Add the derivative of the mean time by each parameter and by the noise."
+
+    def memory(self, written: bool = False) -> float | int:
+        needed = self.chosen.box.size * _BYTES_PER_CELL
+        memory.check(needed, "escape", "give fewer --cells")
+        return needed
+
+    def run(self, say: Say = silent) -> "dynamics.Escape":
+        self.memory()
+        system = self.chosen
+        params = read_params(self.params, dict(system.params))
+        for name, value in params.items():
+            if isinstance(value, list):
+                raise ValueError(f"params: {name}: expected one value, got {len(value)}")
+        names = system.labels or tuple(f"x{axis}" for axis in range(system.box.dimensions))
+        say("solving")
+        return dynamics.escape(
+            system,
+            params=params,
+            noise=self.noise if len(self.noise) > 1 else self.noise[0],
+            start=self.start or None,
+            into={text: region(text, names, "into") for text in self.into} or None,
+            out_of=region(self.leave, names, "leave") if self.leave else None,
+            gradient=self.gradient,
+        )
+
+
+def region(text: str, names: Sequence[str], option: str) -> Callable[[Any], Any]:
+    """Return the function of points for a text of conditions, such as `x>0,y<2`.
+
+    The name of an axis may be without its unit in parentheses.
+    """
+    short = {name.partition(" (")[0]: axis for axis, name in enumerate(names)}
+    axes = {**short, **{name: axis for axis, name in enumerate(names)}}
+    conditions = []
+    for part in text.split(","):
+        match = _CONDITION.fullmatch(part)
+        try:
+            if match is None:
+                raise ValueError(text)
+            limit = float(match[3])
+        except ValueError:
+            raise ValueError(
+                f"{option}: expected conditions NAME>NUMBER or NAME<NUMBER, got {text!r}"
+            ) from None
+        if match[1] not in axes:
+            near = did_you_mean(match[1], axes)
+            raise ValueError(
+                f"{option}: expected an axis among {', '.join(axes)}, got {match[1]!r}{near}"
+            )
+        compare = operator.gt if match[2] == ">" else operator.lt
+        conditions.append((axes[match[1]], compare, limit))
+
+    def inside(points: Any) -> Any:
+        mask = True
+        for axis, compare, limit in conditions:
+            mask = mask & compare(points[:, axis], limit)
+        return mask
+
+    return inside
