@@ -213,9 +213,13 @@ def shown(doing: str) -> "Iterator[Callable[[sweep.Progress], None]]":
     with progress(doing) as say:
 
         def show(now: "sweep.Progress") -> None:
-            rate = f", {now.rate:,.3g} members/s" if math.isfinite(now.left) else ""
             if now.waiting:
                 note(f"The sweep waits for {now.waiting}")
-            say(doing, now.done, now.chunks, f"{now.failed:,} members failed{rate}")
+            # The first job imports and compiles, so the time left is estimated from its end on.
+            if not math.isfinite(now.left):
+                say(f"{doing}: its first members")
+            else:
+                more = f"{now.failed:,} members failed, {now.rate:,.3g} members/s"
+                say(doing, now.done, now.chunks, more)
 
         yield show
