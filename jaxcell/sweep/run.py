@@ -182,7 +182,7 @@ class _Jobs:
     def end(self, job: Job, outcome: Computed | Failed) -> list[int]:
         """Count a job as done, fit the size of later jobs, and return the chunks that ended."""
         self._left.subtract(sizes := _sizes(job))
-        if isinstance(outcome, Computed) and not self._spec.chunk_given:
+        if isinstance(outcome, Computed) and "chunk" not in self._spec.document:
             self._fit(job.length // math.prod(self._spec.lengths.values()), outcome.room)
         self._open -= 1
         return [number for number in sizes if not self._left[number]]

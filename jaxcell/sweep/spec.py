@@ -157,11 +157,6 @@ class Spec(Shown):
         return {parameter.dimension: parameter.values.size for parameter in self.parameters}
 
     @property
-    def chunk_given(self) -> bool:
-        """True if the file gives the size of chunks."""
-        return "chunk" in self.document
-
-    @property
     def has_indices(self) -> bool:
         """True if the design is `saltelli`, for which `sobol_indices` works."""
         return self.document.get("random", {}).get("design") == SALTELLI

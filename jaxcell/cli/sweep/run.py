@@ -218,9 +218,13 @@ def shown(doing: str) -> "Iterator[Callable[[sweep.Progress], None]]":
     with progress(doing) as report:
 
         def show(now: "sweep.Progress") -> None:
-            rate = f", {now.rate:,.3g} members/s" if math.isfinite(now.left) else ""
             if now.waiting:
                 note(f"The sweep waits for {now.waiting}")
-            report(doing, now.done, now.chunks, f"{now.failed:,} members failed{rate}")
+            # The first job imports and compiles, so the time left is estimated from its end on.
+            if not math.isfinite(now.left):
+                report(f"{doing}: its first members")
+            else:
+                more = f"{now.failed:,} members failed, {now.rate:,.3g} members/s"
+                report(doing, now.done, now.chunks, more)
 
         yield show
