@@ -82,6 +82,8 @@ def numbers_of(
     import jax
     import numpy as np
 
+    columns = {name: column.astype(float) for name, column in columns.items()}
+
     def of_one(i: int) -> dict[str, Any]:
         return scalars(alone(**{name: one[i].item() for name, one in columns.items()}), (), wanted)
 

@@ -113,6 +113,8 @@ def test_single_member_has_derivatives_that_are_wanted():
     alone = study_task(Cover, {"reliability": np.array([0.8])}, fixed, 0, SLOPES)
     for name in SLOPES:
         assert several[name].item(1) == pytest.approx(alone[name].item(0), rel=1e-8)
+    sure = study_task(Cover, {"reliability": np.array([1, 1])}, fixed, 0, ["distance", *SLOPES])
+    assert np.isfinite(sure["distance"]).all()
     with pytest.raises(ValueError, match="no number 'd_angles_used_d_reliability'"):
         study_task(Cover, batch, fixed, 0, ["d_angles_used_d_reliability"])
 
