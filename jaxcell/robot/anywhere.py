@@ -94,7 +94,7 @@ def run_anywhere(
                 "observation",
                 observation=1,
                 run=run,
-                extent=follower.known_extent,
+                extent=round(follower.extent, 4) if math.isfinite(follower.extent) else None,
                 turn=turn,
                 estimate=np.round(walker.estimate, 4).tolist(),
             )
@@ -159,11 +159,6 @@ class SetFollower:
             self.agreed = count_agreed(self.agreed, known)
             if known and self.agreed is not None and self.agreed >= self.settings.confirm:
                 self.result = "localized"
-
-    @property
-    def known_extent(self) -> float | None:
-        """The extent of the set in metres, or `None` before the first bump and if it is empty."""
-        return round(self.extent, 4) if math.isfinite(self.extent) else None
 
     def choose(self) -> float:
         """Choose the angle to turn by at this bump, in radians."""

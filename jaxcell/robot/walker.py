@@ -122,7 +122,12 @@ class Walker:
             straight = abs(left) < 1e-9 and forward >= self._step - 1e-9
             targets = [centre] if straight else [end, centre]
         if len(self.observations) < len(self.recalled):
-            return self._recall(targets[-1])
+            # Count a step of the earlier run without driving.
+            observation = self.recalled[len(self.observations)]
+            if observation == "0":
+                self._centre = self._at = targets[-1]
+            self.observations += observation
+            return observation == "1"
         self.drives = True
         bumped = False
         passed = [self._centre]
@@ -175,14 +180,6 @@ class Walker:
             self._direction = (self._direction + round(shift)) % count
         self._heading += angle
         self._face(self._heading)
-
-    def _recall(self, target: complex) -> bool:
-        """Repeat a step of the earlier run without driving; `target` is where a free step ends."""
-        observation = self.recalled[len(self.observations)]
-        if observation == "0":
-            self._centre = self._at = target
-        self.observations += observation
-        return observation == "1"
 
     def _go(self, target: complex, *, back: bool = False) -> bool:
         """Drive to a point, in reverse if `back`, and return whether a bump ended the drive."""

@@ -70,14 +70,12 @@ def _log_stretches(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> 
 
 def _log_hulls(map: CellMap, possible: list[Float[np.ndarray, "_ 2 2"]]) -> None:
     """Log the free space in the convex hull of the wall segments `possible` after each bump."""
-    workspace, path = map.cells.workspace, "map/hull"
-    if workspace is None:
-        return
+    free, path = map.cells.room.free_space, "map/hull"
     (left, bottom, right, top), side = map.bounds, map.extent / _PIXELS
     x, y = np.meshgrid(np.arange(left, right, side), np.arange(bottom, top, side))
     hulls = [shapely.MultiPoint(one.reshape(-1, 2)).convex_hull for one in possible]
     # Before the first bump the robot may be anywhere.
-    areas = [workspace.free_space, *(hull & workspace.free_space for hull in hulls)]
+    areas = [free, *(hull & free for hull in hulls)]
     shapely.prepare(areas)
     inside = [shapely.contains_xy(area, x + side / 2, y + side / 2) for area in areas]
     pictures = np.stack(inside).astype(np.uint8)

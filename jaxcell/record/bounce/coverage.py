@@ -29,19 +29,17 @@ def log_coverage(stream: rr.RecordingStream, policy: CoveragePolicy, spec: Spec)
     """Record a mixture of bouncing policies, which covers a room."""
     cells, alpha = policy.cells, np.asarray(policy.alpha)
     shown = np.sort(np.argsort(-alpha, kind="stable")[:_MAX_ANGLES]).tolist()
-    heats = {
-        f"{policy.bounce_deg[i]:.6g}°, {100 * alpha[i]:.1f} % of the time": policy.coverage[i]
-        for i in shown
-    }
-    heats |= {"The mixture": policy.mixture, "The target": policy.target}
-    times = {title: np.asarray(heat) * cells.positions for title, heat in heats.items()}
-    scale = heat_scale(max(float(heat.max()) for heat in times.values()))
-    names = [*(f"coverage_{i}" for i in shown), "mixture", "target"]
+    heats = []
+    for i in shown:
+        title = f"{policy.bounce_deg[i]:.6g}°, {100 * alpha[i]:.1f} % of the time"
+        heats.append((f"coverage_{i}", title, policy.coverage[i]))
+    heats += [("mixture", "The mixture", policy.mixture), ("target", "The target", policy.target)]
+    scale = heat_scale(cells.positions * max(float(np.max(heat)) for _, _, heat in heats))
     map = CellMap(stream, cells)
-    views: list[rrb.View] = [
-        map.view(title, [map.picture(name, scale.classes, heat_levels(scale, heat))])
-        for name, (title, heat) in zip(names, times.items(), strict=True)
-    ]
+    views: list[rrb.View] = []
+    for name, title, heat in heats:
+        levels = heat_levels(scale, cells.positions * np.asarray(heat))
+        views.append(map.view(title, [map.picture(name, scale.classes, levels)]))
     views.append(_log_shares(stream, policy))
     maps = rrb.Grid(*views, grid_columns=math.ceil(len(views) / 2))
     text, legend = _text(policy, len(shown), spec), _legend(scale)

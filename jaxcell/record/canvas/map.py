@@ -225,13 +225,12 @@ class CellMap:
 
         **Returns:** the side of a fine square in metres, and a picture with 1 beyond the walls.
         """
-        cells = self.cells
-        assert cells.workspace is not None
+        cells, room = self.cells, self.cells.room
         rows, columns = cells.free.shape
-        pixel = cells.workspace.cell or cells.cell
+        pixel = room.cell or cells.cell
         side = pixel / math.ceil(_FINE * pixel / cells.cell)
         side = max(side, cells.cell * math.sqrt(rows * columns / _MAX_FINE))
-        return side, rasterise(cells.workspace.environment, self.bounds, side).astype(np.uint8)
+        return side, rasterise(room.environment, self.bounds, side).astype(np.uint8)
 
 
 Directions: TypeAlias = Mapping[str, tuple[Int[np.ndarray, "times"], Int[np.ndarray, "times"]]]

@@ -1,4 +1,3 @@
-import math
 from typing import Any
 
 import numpy as np
@@ -78,11 +77,6 @@ def _plain(value: Any, about: Quantity, cells: CellSpace | None) -> Any:
         padding = PADDING[about.kind]
         return [[entry for entry in row if entry != padding] for row in array.tolist()]
     if array.dtype.kind == "f":
-        return _finite(array.tolist())
+        infinite, array = ~np.isfinite(array), array.astype(object)
+        array[infinite] = None
     return array.tolist()
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, list):
-        return [_finite(element) for element in value]
-    return value if math.isfinite(value) else None

@@ -156,9 +156,7 @@ def _log_value(space: _Space, policy: Voyage) -> Scale:
 def _log_policy(space: _Space, policy: Voyage) -> None:
     """Log the actions of the policy in some of the cells, as arrows."""
     drift, side = space.surface.drift, space.surface.side
-    origins: list[np.ndarray] = []
-    vectors: list[np.ndarray] = []
-    colors: list[np.ndarray] = []
+    drawn = []
     for map in space.layers:
         water = map.water
         cells, _ = thinned(water.row, water.column, _MAX_ARROWS)
@@ -179,14 +177,10 @@ def _log_policy(space: _Space, policy: Voyage) -> None:
         foot[:, :2] -= vector[:, :2] / 2
         color = np.array([_UP[:3], ROBOT[:3], _DOWN[:3]])[action + 1]
         color = np.where((chance > 0)[:, None], color, PLAIN[:3])
-        for kept, rows in (origins, foot), (vectors, vector), (colors, color):
-            kept.append(rows[~goal])
-    arrows = rr.Arrows3D(
-        origins=np.concatenate(origins),
-        vectors=np.concatenate(vectors),
-        colors=np.concatenate(colors).astype(np.uint8),
-        radii=0.09 * spacing * float(side.min()),
-    )
+        drawn.append((foot[~goal], vector[~goal], color[~goal]))
+    origins, vectors, colors = (np.concatenate(one) for one in zip(*drawn, strict=True))
+    color, radius = colors.astype(np.uint8), 0.09 * spacing * float(side.min())
+    arrows = rr.Arrows3D(origins=origins, vectors=vectors, colors=color, radii=radius)
     space.surface.stream.log("space/policy/arrows", arrows, static=True)
 
 

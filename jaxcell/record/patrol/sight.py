@@ -41,10 +41,9 @@ def log_sight(
 
     Each of `timelines` is a name and the time of each viewer; without any, outlines are static.
     """
-    assert patrol.cells.workspace is not None
     outlines = {}
     for cell, xy in zip(np.unique(viewers).tolist(), map.xy(np.unique(viewers)), strict=True):
-        polygon = visibility_polygon(patrol.cells.workspace, xy, patrol.reach)
+        polygon = visibility_polygon(patrol.cells.room, xy, patrol.reach)
         parts = shapely.get_rings(shapely.get_parts(polygon))
         outlines[cell] = [shapely.get_coordinates(ring) for ring in parts]
     shown = [outlines[cell] for cell in viewers.tolist()]
