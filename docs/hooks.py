@@ -18,7 +18,7 @@ MODULES = (
     "dynamics/systems.py",
     "examples.py",
     "markov/dense.py",
-    *(f"patrol/{part}" for part in ("files", "law", "map", "perimeter", "team", "walks")),
+    *(f"patrol/{part}" for part in ("files", "law", "map", "perimeter", "rounds", "team", "walks")),
     "robot/physics",
     "robot/ros",
 )
