@@ -65,6 +65,11 @@ from .transition_paths import (
     committor as committor,
     reactive_flux as reactive_flux,
 )
+from .undiscounted import (
+    Average as Average,
+    average_reward as average_reward,
+    finite_horizon as finite_horizon,
+)
 from .visited import (
     Exits as Exits,
     exit_distribution as exit_distribution,

@@ -202,5 +202,6 @@ def _checked(counts: Any) -> scipy.sparse.csr_array:
 
 
 def _normalized(weight: scipy.sparse.csr_array) -> Chain:
-    share = 1 / (weight @ np.ones(weight.shape[0]))
-    return Chain.from_scipy(scipy.sparse.diags_array(share) @ weight)
+    total = np.repeat(weight @ np.ones(weight.shape[0]), np.diff(weight.indptr))
+    rows = weight.data / total, weight.indices, weight.indptr
+    return Chain.from_scipy(scipy.sparse.csr_array(rows, weight.shape))
