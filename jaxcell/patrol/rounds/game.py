@@ -131,7 +131,7 @@ class Game(Pictured):
         matrix = scipy.sparse.csr_array((self.times, tuple(self.ends.T)), shape=shape)
         return scipy.sparse.csgraph.dijkstra(matrix, indices=self.targets, return_predecessors=True)
 
-    @property
+    @functools.cached_property
     def between(self) -> Float[np.ndarray, "targets targets"]:
         """The shortest time from each target to each; infinite if there is no way."""
         return self._paths[0][:, self.targets]

@@ -148,8 +148,16 @@ class Guarded(Result):
     def answer(self) -> tuple[str, ...]:
         blind = self.game.adversary == "blind"
         first, second = self._safe(), self._weakest()
-        lines = [first, *second] if blind or self.safe else [*second[::-1], first]
+        lines = [first, *second] if blind or self.safe else [*second[::-1], self._walked(), first]
         return tuple(line for line in (*lines, self._bounded(), *self._guards()) if line)
+
+    def _walked(self) -> str:
+        if not self.walks_capture:
+            return ""
+        return (
+            f"Independent random walks stop at least {100 * self.walks_capture:.3g} % of his "
+            "attacks: `jaxcell patrol graph --strategy capture` finds them."
+        )
 
     def _safe(self) -> str:
         game, longest = self.game, self.longest_between

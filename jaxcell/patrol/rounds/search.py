@@ -162,21 +162,22 @@ def _split(order: _Order, between: Float[np.ndarray, "all all"], parts: int) -> 
 
 def _balanced(tours: list[_Order], game: Game, part: Int[np.ndarray, "targets"]) -> list[_Order]:
     """Move stops from the longest tour to others while the longest becomes shorter."""
-    between = game.between
-    tours = [improved_order(tour, between) for tour in tours]
-    for _ in range(4 * game.targets.size):
-        robots = _shared_out(game, tours)
-        late = np.array([_late(game, tour) / n for tour, n in zip(tours, robots, strict=True)])
-        worst = int(late.argmax())
-        moved = _moved(tours, worst, late, robots, game, part)
-        if moved is None:
+    least = np.inf
+    while True:
+        tours = [improved_order(tour, game.between) for tour in tours]
+        moved: tuple[int, _Order, _Order] | None
+        for _ in range(game.targets.size):
+            robots = _shared_out(game, tours)
+            late = np.array([_late(game, tour) / n for tour, n in zip(tours, robots, strict=True)])
+            worst = int(late.argmax())
+            moved = _moved(tours, worst, late, robots, game, part)
+            if moved is None:
+                break
+            other, tours[worst], taken = moved
+            tours[other] = taken
+        if late.max() >= least * (1 - _SAME):
             return tours
-        other, given, taken = moved
-        tours[worst], tours[other] = (
-            improved_order(given, between),
-            improved_order(taken, between),
-        )
-    return tours
+        least = late.max()
 
 
 def _moved(

@@ -6,6 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 import tyro
 
 from ... import patrol, record, verify as verification
+from ...base import memory
 from ...base.optional_modules import has_module
 from ...base.secondary import Secondary
 from ..parameters import AtLeastOne, Limit, Only
@@ -14,7 +15,41 @@ from .patrol_graph import GraphFile
 
 
 _Positive: TypeAlias = Annotated[float, Limit(gt=0)]
+# Largest number of vertices for which independent walks are searched for, and bytes per pair.
+_WALKS, _BYTES = 40, 64
 _Hours: TypeAlias = Annotated[float, Limit(gt=0, le=1000)]
+
+
+def _walks(game: "patrol.rounds.Game") -> float | None:
+    """Return the least capture by independent walks, or `None` where none are searched for.
+
+    They are searched for on small undirected graphs whose vertices are all targets of equal value.
+    """
+    import numpy as np
+
+    to, fro = np.sort(game.ends, axis=1), game.ends[:, 0] < game.ends[:, 1]
+    whole = game.targets.size == len(game.names) <= _WALKS and not np.ptp(game.value)
+    edges, times = to[fro], game.times[fro]
+    back = dict(zip(map(tuple, to[~fro].tolist()), game.times[~fro].tolist(), strict=True))
+    if not whole or back != dict(zip(map(tuple, edges.tolist()), times.tolist(), strict=True)):
+        return None
+    graph = patrol.Graph(edges, len(game.names), ways=times)
+    attack = np.empty(game.targets.size)
+    attack[game.targets] = game.attack
+    unit = 1.0 if game.unit == "steps" else patrol.team.time_unit_of(graph, 1.0, attack)
+    lasts = patrol.team.whole_times(graph, 1.0, unit)
+    late = np.floor(attack / unit * (1 + 1e-9)).astype(np.int64)
+    try:
+        found = patrol.maximin_capture(
+            graph, late, travel_times=lasts, robots=game.robots, throw=False
+        )
+    except ValueError:
+        # No walk reaches each target in time.
+        return 0.0
+    if game.adversary == "watcher":
+        return float(found.value)
+    blind = patrol.walks.blind_capture(graph, found.matrices, late, lasts)
+    return float(np.min(blind))
 
 
 class _Rounds(Study):
@@ -69,12 +104,21 @@ class PatrolGuard(_Rounds):
 
     def run(self, say: Say = silent) -> "patrol.rounds.Guarded":
         game = self.game()
-        say(f"seeking rounds through {game.targets.size:,} targets")
+        targets, vertices = game.targets.size, len(game.names)
+        doing = f"rounds through {targets:,} targets among {vertices:,} vertices"
+        memory.check(_BYTES * targets * vertices, doing, "expected fewer targets")
+        say(f"seeking {doing}")
         beside = Secondary()
         found = patrol.rounds.best_rounds(game)
         say("computing bounds")
         bound = beside.compute("the bound", lambda: patrol.rounds.bound(game))
-        return patrol.rounds.Guarded.of(game, found.routes, bound=bound, left_out=beside.left_out)
+        walks = None
+        if found.evaluation.exposure.any():
+            say("seeking independent walks, to compare")
+            walks = beside.compute("the comparison with walks", lambda: _walks(game))
+        return patrol.rounds.Guarded.of(
+            game, found.routes, bound=bound, walks_capture=walks, left_out=beside.left_out
+        )
 
     def game(self) -> "patrol.rounds.Game":
         """Build the game of the parameters, or read it."""

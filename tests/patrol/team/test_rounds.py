@@ -167,7 +167,9 @@ def test_two_robots_on_a_round_capture_every_attack_of_20_steps(name):
     other = np.roll(walk, -(walk.size // 2))
     seen = visible[walk] | visible[other]
     for place in contested:
-        hidden = max(len(run) for run in "".join(".x"[s] for s in [*seen[:, place]] * 2).split("x"))
+        hidden = max(
+            len(run) for run in "".join(".x"[int(s)] for s in [*seen[:, place]] * 2).split("x")
+        )
         assert hidden <= 20
     assert found.watched_capture == found.least_capture == 1
 
