@@ -169,7 +169,7 @@ def print_memory(chosen: list[Case], most: int) -> None:
         began = time.perf_counter()
         given = {"travel_times": case.travel_times, "stay": case.stay}
         patrol = memory_patrol(case.graph, case.attack_time, most, ours(case)[None], **given)
-        values = dict(zip(patrol.patrol, patrol.least_capture.tolist(), strict=True))
+        values = dict(zip(patrol.walk, patrol.least_capture.tolist(), strict=True))
         shown = [f"{values[name]:.4f}" if name in values else "" for name in (*sizes, "tour")]
         shown += [f"{patrol.any_time[-1]:.4f}", f"{patrol.upper_bound:.4f}"]
         line(case.name, case.attack_time, *shown, f"{time.perf_counter() - began:.0f}")

@@ -8,6 +8,7 @@ from fractions import Fraction
 import networkx as nx
 import numpy as np
 import pytest
+import xarray
 from helpers import run
 
 from jaxcell.cli import main
@@ -219,3 +220,12 @@ def test_attack_that_is_too_short_by_rounding_names_the_unit(capsys, tmp_path):
     status, _, said = run(capsys, "patrol graph", *given)
     assert status == 2
     assert "or a smaller --time-unit; times are rounded to units of 10 s" in said
+
+
+def test_walks_with_memory_stand_beside_simulated_baselines(capsys, tmp_path):
+    file = saved(tmp_path, nx.cycle_graph(5))
+    options = *CAPTURE, 3, "--memory-states", 2, "--baselines", "--out", tmp_path / "results"
+    assert run(capsys, "patrol graph", file, *options)[0] == 0
+    with xarray.open_dataset(tmp_path / "results" / "patrol.nc") as dataset:
+        assert dataset["walk"].values.tolist()[:2] == ["memory 1", "memory 2"]
+        assert dataset["idleness_mean"].size > 1

@@ -23,17 +23,17 @@ class MemoryPatrol(Result):
     """
 
     title: ClassVar[str] = "Walks with memory"
-    tables: ClassVar[Mapping[str, str]] = {"patrol": "patrols", "vertex": "vertices"}
+    tables: ClassVar[Mapping[str, str]] = {"walk": "walks", "vertex": "vertices"}
 
-    patrol: Annotated[list[str], quantity("patrol", "patrol", kind="coordinate")]
+    walk: Annotated[list[str], quantity("walk", "walk", kind="coordinate")]
     least_capture: Annotated[
-        Float[np.ndarray, "patrols"],
-        quantity("patrol", "least capture from the worst starts", "1", kind="share"),
+        Float[np.ndarray, "walks"],
+        quantity("walk", "least capture from the worst starts", "1", kind="share"),
     ]
     "The least probability of capture if the adversary sees robots and states of their memories."
     any_time: Annotated[
-        Float[np.ndarray, "patrols"],
-        quantity("patrol", "least capture of attacks that begin at any time", "1", kind="share"),
+        Float[np.ndarray, "walks"],
+        quantity("walk", "least capture of attacks that begin at any time", "1", kind="share"),
     ]
     upper_bound: Annotated[
         float, quantity("", "no walks with any memory capture more than this", "1", kind="share")
@@ -108,7 +108,7 @@ def memory_patrol(
         >>> line = patrol.Graph([[0, 1], [1, 2], [2, 3]])
         >>> walk = np.array([[0, 1, 0, 0], [0.5, 0, 0.5, 0], [0, 0.5, 0, 0.5], [0, 0, 1, 0]])
         >>> found = patrol.walks.memory_patrol(line, 5, 2, walk[None])
-        >>> dict(zip(found.patrol, found.least_capture.round(2).tolist(), strict=True))
+        >>> dict(zip(found.walk, found.least_capture.round(2).tolist(), strict=True))
         {'memory 1': 0.44, 'memory 2': 0.53, 'tour': 0.0}
     """
     robots, times = len(matrices), (attack_time, travel_times)
@@ -146,7 +146,7 @@ def memory_patrol(
     )
     shares = long_run(walks[best]) @ states_at(walks[best].shape[1], graph.vertices)
     return MemoryPatrol(
-        patrol=[*(f"memory {size}" for size in sizes), "tour" if robots == 1 else "round"],
+        walk=[*(f"memory {size}" for size in sizes), "tour" if robots == 1 else "round"],
         least_capture=np.array([*least, on_tour.watched_capture]),
         any_time=np.array([*(float(blind.min()) for _, blind in captured), on_tour.least_capture]),
         upper_bound=bound,

@@ -324,7 +324,7 @@ def _more(patrol: GraphPatrol) -> str:
             "By number of states of memory, beside a tour and an upper bound. Other numbers are "
             "those of the walk without memory:",
             patrol.walks_with_memory,
-            "patrol least_capture any_time",
+            "walk least_capture any_time",
         ),
         (
             "By simulation, beside robots on a tour, those that go anywhere, and those that go "

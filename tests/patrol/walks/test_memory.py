@@ -218,7 +218,7 @@ def test_the_bound_against_the_games_with_all_walks(graph, attack, times, tight)
 def test_walks_with_memory_against_a_simulation():
     graph = grid(2, 3)
     patrol = memory_patrol(graph, 4, 2, walk_on(graph)[None], names="abcdef", tests=1)
-    assert patrol.patrol == ["memory 1", "memory 2", "tour"]
+    assert patrol.walk == ["memory 1", "memory 2", "tour"]
     assert patrol.memory == 2
     assert patrol.state_vertex == [*"abcdefabcdef"]
     exact = walk_capture_probabilities(graph, patrol.chance[0], 4)
@@ -234,7 +234,7 @@ def test_walks_with_memory_against_a_simulation():
 def test_several_robots_are_independent():
     patrol = memory_patrol(KITE, 3, 1, np.stack([random_chain(KITE, 1, False, s) for s in (0, 1)]))
     each = [walk_capture_probabilities(KITE, matrix, 3).min(axis=0) for matrix in patrol.chance]
-    assert patrol.patrol == ["memory 1", "round"]
+    assert patrol.walk == ["memory 1", "round"]
     both = (1 - (1 - each[0]) * (1 - each[1])).min()
     assert patrol.least_capture[0] == pytest.approx(both)
     assert patrol.least_capture.max() <= patrol.upper_bound == capture_bound(KITE, 3, robots=2)
