@@ -179,4 +179,14 @@ def test_watcher_is_answered_first_for_a_watcher():
 def test_robots_are_needed_for_each_part_of_the_streets():
     streets = nx.DiGraph([("a", "b"), ("b", "a"), ("b", "c")])
     with pytest.raises(ValueError, match=r"robots: expected at least 2, .* 'a' to 'c' and back"):
-        Game.of(streets, 3.0)
+        Game.of(streets, 3.0, targets=["a", "c"])
+
+
+def test_dead_ends_of_one_way_streets_are_no_targets():
+    streets = nx.DiGraph([("a", "b"), ("b", "a"), ("b", "c")])
+    game = Game.of(streets, 3.0)
+    assert game.names_of_targets == ["a", "b"]
+    assert game.omitted == (
+        "1 of 3 vertices are no targets, because no way leads there and back: c",
+    )
+    assert Game.of(streets, 3.0, robots=2).names_of_targets == ["a", "b", "c"]
