@@ -135,6 +135,14 @@ def test_robots_with_unrelated_periods_meet_in_all_phases():
     assert evaluate(game, related).exposure[0] == pytest.approx(0.25)
 
 
+def test_guards_stay_where_there_are_enough_of_them():
+    game = Game.of(floor(), 9.0, robots=5, targets=["vault", "archive", "server"], speed=1.2)
+    found = best_rounds(game)
+    answer = Guarded.of(game, found.routes, bound=bound(game)).answer
+    assert answer[0] == "No intruder escapes: a guard stays at each target."
+    assert "Guard 1 stays at vault." in answer
+
+
 def test_waiting_robot_guards_its_vertex():
     game = Game.of(Graph([[0, 1], [1, 2]]), 2.0)
     waiting = Route(np.array([0, 1]), np.array([0.0, 6.0]), np.array([5.0, 6.0]), 7.0)
