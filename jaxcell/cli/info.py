@@ -208,6 +208,12 @@ def _json(path: Path) -> dict[str, Any]:
             }
         case {"nodes": _}:
             return _graph(path)
+        case {"targets": _, "ways": _}:
+            game = patrol.rounds.load_game(path)
+            described = {"what": "a game of patrols", "vertices": len(game.names)}
+            return described | {"targets": game.targets.size, "robots": game.robots}
+        case {"kind": "rounds", "robots": [*robots]}:
+            return {"what": "routes of guards", "robots": len(robots)}
         case {"command": command}:
             Fields(fields, f"{path}: ").check_version(1)
             plain = {key: value for key, value in fields.items() if not isinstance(value, dict)}
@@ -240,8 +246,12 @@ def _map(path: Path) -> dict[str, Any]:
 
 
 def _graph(path: Path) -> dict[str, Any]:
-    graph, names = patrol.load_graph(path)
-    return {"what": "a graph", "vertices": len(names), "edges": len(graph.edges)}
+    ways = patrol.files.load_ways(path)
+    there = {*map(tuple, ways.ends.tolist())}
+    one_way = sum((head, tail) not in there for tail, head in there)
+    described = {"what": "a graph", "vertices": len(ways.names)}
+    described["edges"] = (len(there) + one_way) // 2
+    return described | ({"one_way": one_way} if one_way else {})
 
 
 def _map_or_graph(path: Path) -> dict[str, Any]:

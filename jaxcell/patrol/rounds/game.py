@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import scipy.sparse
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ...base.documents import Fields, check_file, decode_json, read_text, refused
 from ...base.paths import replacing
@@ -19,6 +19,8 @@ from ..files.graph_files import Ways, about_file, load_ways
 
 
 Adversary: TypeAlias = Literal["blind", "watcher"]
+# Largest number of vertices that a sentence lists.
+_NAMED = 6
 # The least time of a way between two vertices in one place; sparse matrices leave out 0.
 _BRIEFEST = 1e-9
 
@@ -76,7 +78,8 @@ class Game(Pictured):
         - `attack_time`: the duration of an attack in seconds, or in steps without a speed; or an
             array `[targets]` of them.
         - `robots`: number of robots.
-        - `targets`: names of the vertices that may be attacked; by default all.
+        - `targets`: names of the vertices that may be attacked; by default all or, if there are
+            fewer robots than parts with ways there and back, those in the largest part.
         - `value`: the value of a target, or an array `[targets]`.
         - `speed`: metres per second; by default each way takes one step.
         - `adversary`: `blind` or `watcher`.
@@ -90,19 +93,31 @@ class Game(Pictured):
             if not 0 < speed < np.inf:
                 raise ValueError(f"speed: expected a positive finite number, got {speed}")
             times = np.maximum(ways.lengths / speed, _BRIEFEST)
-        chosen = _numbers(ways.names, targets) if len(targets) else range(len(ways.names))
+        vertices, omitted = len(ways.names), ways.omitted
+        chosen = np.array(_numbers(ways.names, targets) if len(targets) else range(vertices))
+        attack = _each("attack_time", attack_time, chosen.size)
+        worth = _each("value", value, chosen.size)
+        if not len(targets):
+            kept = _joined(ways, robots)
+            chosen, attack, worth = chosen[kept], attack[kept], worth[kept]
+            if (left := np.flatnonzero(~kept)).size:
+                listed = ", ".join(ways.names[v] for v in left[:_NAMED].tolist())
+                omitted += (
+                    f"{left.size:,} of {vertices:,} vertices are no targets, because no way leads "
+                    f"there and back: {listed}" + ", ..." * (left.size > _NAMED),
+                )
         return cls(
             names=ways.names,
             ends=ways.ends,
             times=times,
-            targets=np.array(chosen),
-            attack=_each("attack_time", attack_time, len(chosen)),
-            value=_each("value", value, len(chosen)),
+            targets=chosen,
+            attack=attack,
+            value=worth,
             robots=robots,
             unit=unit,
             adversary=adversary,
             xy=ways.xy,
-            omitted=ways.omitted,
+            omitted=omitted,
         )
 
     def __post_init__(self) -> None:
@@ -161,6 +176,14 @@ class Game(Pictured):
         if not vertices:
             return self.targets[order], np.zeros(1), 0.0
         return np.array(vertices), np.array(begins), now
+
+
+def _joined(ways: Ways, robots: int) -> Bool[np.ndarray, "vertices"]:
+    """Return the vertices of the largest part with ways there and back; all if robots suffice."""
+    shape = (len(ways.names),) * 2
+    matrix = scipy.sparse.csr_array((np.ones(len(ways.ends)), tuple(ways.ends.T)), shape=shape)
+    count, part = scipy.sparse.csgraph.connected_components(matrix, connection="strong")
+    return part == np.bincount(part).argmax() if count > robots else np.full(part.size, True)
 
 
 def _each(name: str, given: Any, count: int) -> Float[np.ndarray, "targets"]:

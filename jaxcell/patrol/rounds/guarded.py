@@ -164,6 +164,8 @@ class Guarded(Result):
         if not math.isfinite(longest):
             missed = game.names_of_targets[int(np.argmax(self.evaluation.longest))]
             return f"No guard ever visits `{missed}`."
+        if not longest:
+            return "No intruder escapes: a guard stays at each target."
         if self.safe and np.ptp(game.attack):
             return "No intruder escapes: each target is visited before an attack on it is over."
         needed = f"No intruder who needs {self._time(longest, up=True)} escapes"

@@ -84,7 +84,7 @@ def watching_tours(
 
     A tour through a greedy cover loses stops, or gets others, while it becomes shorter; then some
     stops are removed at random, and others added. **Yields:** the cells of each walk in order, from
-    `covers` covers, as long as walks become shorter. There are none if one cell sees all.
+    `covers` covers, as long as walks become shorter. There are none where a cell sees all.
     """
     lengths = graph.matrix(np.ones(len(graph.edges)))
     between, before = scipy.sparse.csgraph.shortest_path(

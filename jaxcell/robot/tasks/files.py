@@ -160,6 +160,11 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
         return read_patrol(path, values, robot or 0)
     if kind == AnywhereTask.kind:
         return read_anywhere(path, values)
+    if values.get("kind") == "rounds":
+        raise ValueError(
+            f"{path}: it has routes on a graph; a robot drives on the cells of a map, as in the "
+            "round.json of `jaxcell patrol map --out`"
+        )
     if robot is not None:
         raise ValueError(f"{path}: the task is for one robot, and has no robot {robot}")
     if path.suffix == ".json":

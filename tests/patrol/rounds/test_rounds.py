@@ -135,6 +135,14 @@ def test_robots_with_unrelated_periods_meet_in_all_phases():
     assert evaluate(game, related).exposure[0] == pytest.approx(0.25)
 
 
+def test_guards_stay_where_there_are_enough_of_them():
+    game = Game.of(floor(), 9.0, robots=5, targets=["vault", "archive", "server"], speed=1.2)
+    found = best_rounds(game)
+    answer = Guarded.of(game, found.routes, bound=bound(game)).answer
+    assert answer[0] == "No intruder escapes: a guard stays at each target."
+    assert "Guard 1 stays at vault." in answer
+
+
 def test_waiting_robot_guards_its_vertex():
     game = Game.of(Graph([[0, 1], [1, 2]]), 2.0)
     waiting = Route(np.array([0, 1]), np.array([0.0, 6.0]), np.array([5.0, 6.0]), 7.0)
@@ -179,4 +187,14 @@ def test_watcher_is_answered_first_for_a_watcher():
 def test_robots_are_needed_for_each_part_of_the_streets():
     streets = nx.DiGraph([("a", "b"), ("b", "a"), ("b", "c")])
     with pytest.raises(ValueError, match=r"robots: expected at least 2, .* 'a' to 'c' and back"):
-        Game.of(streets, 3.0)
+        Game.of(streets, 3.0, targets=["a", "c"])
+
+
+def test_dead_ends_of_one_way_streets_are_no_targets():
+    streets = nx.DiGraph([("a", "b"), ("b", "a"), ("b", "c")])
+    game = Game.of(streets, 3.0)
+    assert game.names_of_targets == ["a", "b"]
+    assert game.omitted == (
+        "1 of 3 vertices are no targets, because no way leads there and back: c",
+    )
+    assert Game.of(streets, 3.0, robots=2).names_of_targets == ["a", "b", "c"]
