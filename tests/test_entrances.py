@@ -1,9 +1,13 @@
 """Arguments as people have them: matrices and graphs of other libraries, and poses as numbers."""
 
+import subprocess
+import sys
+
 import jax
 import jax.numpy as jnp
 import networkx as nx
 import numpy as np
+import pandas as pd
 import pytest
 import scipy.sparse
 import shapely
@@ -24,10 +28,20 @@ def digraph():
     return graph
 
 
+def named(attribute):
+    graph = nx.DiGraph()
+    for tail, head, share in (("a", "b", 0.5), ("a", "c", 0.5), ("b", "a", 1.0), ("c", "a", 1.0)):
+        graph.add_edge(tail, head, **{attribute: share})
+    return graph
+
+
+FRAME = pd.DataFrame(P, list("abc"), list("abc"))
 MATRICES = [P, P.tolist(), jnp.asarray(P), scipy.sparse.coo_matrix(P), scipy.sparse.csc_array(P)]
 
 
-@pytest.mark.parametrize("matrix", [*MATRICES, digraph()], ids=lambda one: type(one).__name__)
+@pytest.mark.parametrize(
+    "matrix", [*MATRICES, FRAME[list("cab")], digraph()], ids=lambda one: type(one).__name__
+)
 def test_a_matrix_is_a_chain(matrix):
     np.testing.assert_allclose(markov.hitting_times(matrix, 2).value, TIMES, rtol=1e-12)
     np.testing.assert_allclose(markov.absorption_times(matrix).value, TIMES, rtol=1e-12)
@@ -51,10 +65,20 @@ def test_a_traced_matrix_is_a_chain():
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ("lab", "chain: expected a Chain, got str; a square matrix is one, and sequence.unrolled"),
+        (
+            "lab",
+            r"chain: expected a Chain, got str; a square matrix \(.*sequence.unrolled are chains",
+        ),
         (P[:2], r"matrix: expected as many rows as columns, got \(2, 3\)"),
         (2 * P, "sum"),
-        (nx.path_graph(3), "sum"),
+        (nx.path_graph(3), "the edge 0, 1 has no attribute `weight`; expected its probability"),
+        (
+            named("probability"),
+            "edge 'a', 'b' has no attribute `weight`, but probability; expected",
+        ),
+        (nx.Graph(), "chain: expected a graph with vertices, got one without"),
+        (pd.DataFrame(P, list("abc")), r"columns \[0, 1, 2\] of the DataFrame are not the labels"),
+        (pd.DataFrame(P, list("aab"), list("aab")), "each once; P.to_numpy"),
         (None, "chain: expected a Chain, got NoneType"),
     ],
 )
@@ -62,6 +86,24 @@ def test_other_chains_are_refused(wrong, said):
     with pytest.raises(ValueError, match=said) as caught:
         markov.hitting_times(wrong, 2)
     assert "\n" not in str(caught.value)
+
+
+def test_a_vertex_with_a_name_is_refused_with_its_number():
+    for target in ("c", ["c"]):
+        with pytest.raises(ValueError, match=r"got <U1; .* is list\(graph\).index\(name\)"):
+            markov.hitting_times(named("weight"), target)
+
+
+def test_a_program_without_checks_of_types():
+    program = """if True:
+        import networkx, numpy
+        from jaxcell import study
+        print(study.PatrolGraph(networkx.cycle_graph(4), emphasis=(1, 2)).vertices("0123", "", 2))
+        study.Drift(file=numpy.eye(3))
+    """
+    ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert ran.stdout == "[2]\n"
+    assert "file: expected a file, a list of files or an xarray.Dataset, got ndarray" in ran.stderr
 
 
 def test_lists_are_arrays():

@@ -29,7 +29,8 @@ _ADVICE = {
     "Result": "; the method run of a study returns one",
     "SimpleMap": "; bounce_map(cells, bounce) makes one",
     "Spec": "; Spec.load(path) makes one",
-    "Chain": "; a square matrix is one, and sequence.unrolled",
+    "Chain": "; a square matrix (NumPy, SciPy, JAX, pandas, lists), a graph of networkx with "
+    "probabilities as weights, and sequence.unrolled are chains",
     "PersistentGroups": "; persistent_groups(chain) finds them",
     "Generator": "; numpy.random.default_rng() makes one",
     "DecisionModel": "; DecisionModel.of(chains, reward) makes one",

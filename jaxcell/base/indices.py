@@ -43,7 +43,11 @@ def check_indices(
     if not array.size:
         return array.astype(np.int32)
     if not np.issubdtype(array.dtype, np.integer):
-        raise ValueError(f"{name}: expected whole numbers of {noun}s, got {array.dtype}")
+        named = "; the number of a named vertex is list(graph).index(name)"
+        raise ValueError(
+            f"{name}: expected whole numbers of {noun}s, got {array.dtype}"
+            f"{named if array.dtype.kind in 'UO' else ''}"
+        )
     array = as_array(array, name)
     if not isinstance(array, jax.core.Tracer):
         # Values stay on an accelerator; on a CPU NumPy needs no compilation.

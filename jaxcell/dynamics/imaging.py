@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int
 from ..base.doubts import warn
 from ..base.indices import check_whole
 from ..base.quantities import Result
-from ..base.wide import traced
+from ..base.wide import OnHostError, traced
 from ..space.box import Box
 from .batches import CHUNK, in_stages, in_threads, padded, params_of, stacked
 from .maps import Flow, Map
@@ -96,9 +96,19 @@ def check_map(map: Map, box: Box, params: Any) -> None:
     middle = jax.ShapeDtypeStruct((box.dimensions,), jnp.zeros(()).dtype)
     try:
         image = jax.eval_shape(map, middle, params)
+    except KeyError as error:
+        (key,) = error.args
+        raise ValueError(
+            f"map: there is no parameter {key!r}; pass params={{{key!r}: ...}}"
+        ) from error
     except (TypeError, LookupError, AttributeError, NameError, ArithmeticError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise ValueError(f"map: fails at the middle of the box: {reason}") from error
+        reason, advice = _reason(error), ""
+        if params is None and "NoneType" in reason:
+            advice = "; pass the parameters as params"
+            if "subscriptable" in reason:
+                # An error about a missing key names the parameter.
+                check_map(map, box, {})
+        raise ValueError(f"map: fails at the middle of the box: {reason}{advice}") from error
     if not hasattr(image, "shape"):
         raise ValueError(f"map: expected an array, got a {type(image).__name__}")
     if image.shape != middle.shape:
@@ -107,6 +117,21 @@ def check_map(map: Map, box: Box, params: Any) -> None:
         )
     if image.dtype != middle.dtype:
         raise ValueError(f"map: expected numbers of {middle.dtype}, got {image.dtype}")
+
+
+def _reason(error: BaseException) -> str:
+    """Describe why JAX cannot trace a map, and what to write instead."""
+    # A function of the library that calls the map names itself.
+    while isinstance(error, OnHostError) and error.__cause__ is not None:
+        error = error.__cause__
+    if isinstance(error, jax.errors.TracerBoolConversionError):
+        return "it has an `if` on numbers that JAX traces; write jax.numpy.where"
+    if isinstance(error, jax.errors.JAXTypeError):
+        return (
+            "it has functions of numpy or math, for numbers that JAX traces; write jax.numpy.sin "
+            "for numpy.sin and math.sin, and so on"
+        )
+    return str(error).splitlines()[0] if str(error) else type(error).__name__
 
 
 def check_begin(map: Map, box: Box, params: Any) -> None:

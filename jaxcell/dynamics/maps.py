@@ -20,8 +20,8 @@ from .sines import with_sines
 _LONG = 32
 
 Point: TypeAlias = Float[Array, "axes"]
-Field: TypeAlias = Callable[[Any, Any], Any]
-"""The velocity at a point, `field(x, params)`."""
+Field: TypeAlias = Callable[..., Any]
+"""The velocity at a point, `field(x, params)` or `field(x)`."""
 
 
 @runtime_checkable
@@ -41,7 +41,8 @@ class Map(Protocol):
             return solution.ys[-1]
     """
 
-    def __call__(self, x: Any, params: Any, /) -> Any: ...
+    # For a type checker this is any function, because one without parameters is a map, too.
+    def __call__(self, *args: Any, **options: Any) -> Any: ...
 
 
 @dataclasses.dataclass(frozen=True)
@@ -233,7 +234,7 @@ def flow(
     return Flow(field, dt, check_whole("steps", steps, 1))
 
 
-def strobe(field: Callable[[Any, Any, Any], Any], period: float, steps: int) -> Strobe:
+def strobe(field: Field, period: float, steps: int) -> Strobe:
     """Build the map of a periodically forced field over one period of the forcing, from phase 0.
 
     **Arguments:** the velocity, `field(t, x, params)`, the period, and the number of Runge-Kutta
@@ -253,10 +254,10 @@ def strobe(field: Callable[[Any, Any, Any], Any], period: float, steps: int) -> 
 
 def section(
     field: Field,
-    surface: Callable[[Any, Any], Any],
+    surface: Callable[..., Any],
     *,
-    lift: Callable[[Any, Any], Any],
-    project: Callable[[Any, Any], Any],
+    lift: Callable[..., Any],
+    project: Callable[..., Any],
     dt: float,
     max_steps: int = 10_000,
 ) -> Section:

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..base import memory
 from ..base.divided import of_members
 from ..base.doubts import warn
-from ..base.indices import as_array, check_indices
+from ..base.indices import as_array, check_indices, check_whole
 from ..base.precision import require_x64
 from ..base.shown import Pictured
 from ..base.wide import traced, widened
@@ -86,8 +86,10 @@ class Chain(Pictured):
 
         Row `i` has the probabilities of the images of cell `i`. The rest of a row, up to 1, is the
         probability of the sink. A dense matrix may be traced by `jit`, `vmap` and `grad`; then each
-        cell has all cells as images.
+        cell has all cells as images. The columns of a DataFrame of pandas are those of its labels.
         """
+        if hasattr(matrix, "iloc"):
+            matrix = _by_label(matrix)
         if not scipy.sparse.issparse(matrix):
             matrix = as_array(matrix, "matrix", _OF_GRAPH)
         shape, kind = matrix.shape, matrix.dtype
@@ -108,10 +110,7 @@ class Chain(Pictured):
         Cells have the names of the nodes if these are 0, 1, ..., and otherwise their order.
         """
         if hasattr(value, "is_multigraph"):
-            import networkx
-
-            named = set(value) == set(range(len(value)))
-            value = networkx.to_scipy_sparse_array(value, range(len(value)) if named else None)
+            value = _weights(value)
         matrix = hasattr(value, "shape") or isinstance(value, list)
         return cls.from_scipy(value) if matrix else None
 
@@ -152,10 +151,13 @@ class Chain(Pictured):
         coarse = jnp.floor(self.probability * _COARSE) / _COARSE
         return 1 - jnp.sum(coarse, axis=0) - jnp.sum(self.probability - coarse, axis=0)
 
-    def push(self, distribution: npt.ArrayLike) -> Float[Array, "cells"]:
-        """Compute the distribution one step later, `p P`; its missing mass is in the sink."""
+    def push(self, distribution: npt.ArrayLike, steps: int = 1) -> Float[Array, "cells"]:
+        """Compute the distribution after steps, `p P^steps`; its missing mass is in the sink."""
         require_x64("Chain.push")
-        return self._push(number_per_cell(distribution, self.cells, "distribution"))
+        later = jnp.asarray(number_per_cell(distribution, self.cells, "distribution"))
+        for _ in range(check_whole("steps", steps, 0)):
+            later = self._push(later)
+        return later
 
     @jax.jit
     def _push(self, distribution: Float[Array, "cells"]) -> Float[Array, "cells"]:
@@ -168,10 +170,13 @@ class Chain(Pictured):
         # For the derivative, which looks up numbers.
         return of_members(later, self.image)
 
-    def pull(self, value: npt.ArrayLike) -> Float[Array, "cells"]:
-        """Compute the expected value one step later, `P v`; the value of the sink is 0."""
+    def pull(self, value: npt.ArrayLike, steps: int = 1) -> Float[Array, "cells"]:
+        """Compute the expected value after steps, `P^steps v`; the value of the sink is 0."""
         require_x64("Chain.pull")
-        return self._pull(number_per_cell(value, self.cells, "value"))
+        expected = jnp.asarray(number_per_cell(value, self.cells, "value"))
+        for _ in range(check_whole("steps", steps, 0)):
+            expected = self._pull(expected)
+        return expected
 
     @jax.jit
     def _pull(self, value: Float[Array, "cells"]) -> Float[Array, "cells"]:
@@ -203,9 +208,39 @@ if TYPE_CHECKING:
     # SciPy and networkx have no types.
     ChainLike: TypeAlias = Chain | Any
     """A chain, or what public functions convert to one: a square transition matrix of NumPy, JAX,
-    SciPy or lists, or a graph of networkx whose weights are probabilities."""
+    SciPy, pandas or lists, or a graph of networkx whose weights are probabilities."""
 else:
     ChainLike = Chain
+
+
+def _by_label(frame: Any) -> Any:
+    """Return the matrix of a DataFrame, with its columns in the order of its index."""
+    rows, columns = frame.index, frame.columns
+    if not (rows.is_unique and columns.is_unique and set(rows) == set(columns)):
+        raise ValueError(
+            f"matrix: the columns {list(columns[:8])} of the DataFrame are not the labels "
+            f"{list(rows[:8])} of its index, each once; P.to_numpy() is taken by position"
+        )
+    return frame[rows].to_numpy()
+
+
+def _weights(network: Any) -> scipy.sparse.csr_array:
+    """Return the weights of the edges of a networkx graph as a transition matrix."""
+    import networkx
+
+    nodes = range(len(network)) if set(network) == set(range(len(network))) else list(network)
+    if not nodes:
+        raise ValueError("chain: expected a graph with vertices, got one without")
+    matrix = networkx.to_scipy_sparse_array(network, nodes)
+    if matrix.sum(axis=1).max() > 1 + _ROUNDING_32:
+        for tail, head, about in network.edges(data=True):
+            if "weight" not in about:
+                has = f", but {', '.join(map(str, about))}" if about else ""
+                raise ValueError(
+                    f"chain: the edge {tail!r}, {head!r} has no attribute `weight`{has}; expected "
+                    "its probability there; patrol.random_walk(graph) makes a chain of any graph"
+                )
+    return matrix
 
 
 def number_per_cell(values: Any, cells: int, name: str) -> Any:

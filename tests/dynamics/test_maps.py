@@ -1,3 +1,5 @@
+import math
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -190,7 +192,11 @@ def test_half_steps_reveal_coarse_steps():
         (lambda x, p: jnp.sign(x).astype(int), "^map: expected numbers of float.*, got int64$"),
         (lambda x, p: x * (1 / 0), "fails at the middle of the box: division by zero"),
         (lambda x, p: x * speed, "fails at the middle of the box: name 'speed' is not defined"),
-        (lambda x, p: x * p["speed"], "fails at the middle of the box: 'speed'"),
+        (lambda x, p: x * p["speed"], r"no parameter 'speed'; pass params=\{'speed': ...\}$"),
+        (lambda x: np.sin(x), "write jax.numpy.sin for numpy.sin and math.sin"),
+        (lambda x: np.array([math.sin(x[0]), 0.0]), "write jax.numpy.sin for numpy.sin and math"),
+        (dynamics.flow(lambda x, p: np.sin(x), 0.1), "write jax.numpy.sin for numpy.sin and math"),
+        (lambda x: x if x[0] > 0 else -x, "an `if` on numbers that JAX traces; write jax.numpy.w"),
         (dynamics.flow(lambda x, p: x[:1], 0.1, 2), "^field: expected an array of shape .2., got"),
         (lambda x, p: x * jnp.nan, "^map: expected finite numbers, got none at 64 points$"),
         (dynamics.flow(lambda x, p: x / 0.0, 0.1), "^field: expected finite numbers, got none at"),
@@ -200,3 +206,6 @@ def test_half_steps_reveal_coarse_steps():
 def test_bad_maps_are_refused(map, message):
     with pytest.raises(ValueError, match=message):
         dynamics.images(map, Box([0, 0], [1, 1], [2, 2]), {})
+    if "parameter" in message:
+        with pytest.raises(ValueError, match=message):
+            dynamics.images(map, Box([0, 0], [1, 1], [2, 2]))

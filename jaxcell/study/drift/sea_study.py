@@ -1,4 +1,5 @@
 import dataclasses
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
@@ -11,8 +12,6 @@ from ..study import Study
 
 
 if TYPE_CHECKING:
-    import os
-
     import xarray
 
     Files: TypeAlias = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
@@ -31,6 +30,16 @@ class SeaStudy(Study):
 
     file: tyro.conf.Positional[Source] = dataclasses.field(kw_only=False)
     """Files of currents or of trajectories."""
+
+    def __post_init__(self) -> None:
+        file: Any = self.file
+        for one in file if isinstance(file, list | tuple) else (file,):
+            if not (isinstance(one, str | os.PathLike) or hasattr(one, "data_vars")):
+                raise ValueError(
+                    "file: expected a file, a list of files or an xarray.Dataset, got "
+                    f"{type(one).__name__}"
+                )
+        super().__post_init__()
 
     def spec(self, result: Any) -> dict[str, Any]:
         spec = super().spec(result)

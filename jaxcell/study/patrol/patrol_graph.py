@@ -19,8 +19,10 @@ if TYPE_CHECKING:
     import numpy as np
 
     GraphFile: TypeAlias = str | os.PathLike[str] | optimize.GraphLike
+    Vertex: TypeAlias = str | int
+    """The name of a vertex."""
 else:
-    GraphFile = Path | Any
+    GraphFile, Vertex = Path | Any, str
 
 
 # Steps, or seconds if travel times are known.
@@ -61,14 +63,14 @@ class PatrolGraph(Study):
     (kemeny), maximal entropy of steps (entropy) or of return times (return-time), or a high
     probability of capture within --attack-time (capture). With mixing, kemeny and return-time, all
     vertices have equal shares of time, or those in --visits, and a robot may stay at a vertex."""
-    emphasis: Annotated[tuple[str, ...], Only(strategy="commute"), Only(game=True)] = ()
+    emphasis: Annotated[tuple[Vertex, ...], Only(strategy="commute"), Only(game=True)] = ()
     """Two or more vertices to visit more often."""
     share: Share = 0.8
     """Minimum share of steps on the shortest closed tour through the vertices of --emphasis."""
     constraints: Annotated[Path | None, Only(strategy="commute", speed=False)] = None
     """JSON file of bounds on the shares of steps along edges and of time at vertices:
     {"constraints": [{"edges": [["a", "b"]], "most": 0.2}]}."""
-    vertex: Annotated[str | None, Needed(strategy="toward")] = None
+    vertex: Annotated[Vertex | None, Needed(strategy="toward")] = None
     """Vertex to walk toward."""
     paths: Annotated[AtLeastOne, Only(strategy="toward"), Only(game=True)] = 1
     """Number of shortest paths from each vertex that determine the walk toward a vertex. With one
@@ -110,10 +112,10 @@ class PatrolGraph(Study):
     durations of attacks down, so that the walk captures at least what is computed. A smaller unit
     takes longer. By default it is 1 s or, with attacks, a fraction of the longest attack down to
     1/24, for which times are rounded least."""
-    base: Annotated[str | None, Only(memory_states=False)] = None
+    base: Annotated[Vertex | None, Only(memory_states=False)] = None
     """Base station: a vertex where robots report news. The result contains the age of the news at
     the base."""
-    charger: Annotated[str | None, Only(speed=False, memory_states=False)] = None
+    charger: Annotated[Vertex | None, Only(speed=False, memory_states=False)] = None
     """Vertex to which each robot must return within --every steps. The walk is changed to meet this
     condition; with --attack-time, a new walk is optimized under this condition instead."""
     every: Annotated[int | None, Needed(charger=True)] = None
@@ -236,14 +238,15 @@ class PatrolGraph(Study):
         file = self.constraints
         return [] if file is None else patrol.walks.load_constraints(file, graph, names)
 
-    def vertices(self, names: Sequence[str], parameter: str, *wanted: str) -> list[int]:
+    def vertices(self, names: Sequence[str], parameter: str, *wanted: Vertex) -> list[int]:
         """Return the index in `names` of each vertex in `wanted`. Errors name `parameter`."""
-        for name in wanted:
+        texts = [str(name) for name in wanted]
+        for name in texts:
             if name not in names:
                 listed = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
                 meant = did_you_mean(name, names) or f"; there are {listed}"
                 raise ValueError(f"{parameter}: there is no vertex {name!r}{meant}")
-        return [names.index(name) for name in wanted]
+        return [names.index(name) for name in texts]
 
     def _check(self, graph: "optimize.Graph", names: Sequence[str]) -> None:
         """Raise if the graph does not suit the parameters, or if an attack is too short."""
