@@ -20,6 +20,7 @@ from ..imaging import OnBox, axis_names
 from ..maps import Flow, Map
 from ..system import System
 from .chains import chain
+from .deviations import listed
 from .diffusion import diffusion_to, regions_of
 from .ends import Ends, Region, within
 from .law import Law
@@ -151,13 +152,14 @@ class _Stopped:
         values = np.zeros((len(ends.names) + 1, ends.cells))
         values[:-1, size:] = np.eye(len(ends.names))
         values[:, alive] = solved.value.T
+        about = float(steps.max()), self.continuous
         if start is None:
             weight = np.zeros(ends.cells)
             begin = np.full(part.cells.size, 1 / part.cells.size)
-            weight[alive] = Law.of(part, begin, self.continuous)[0].quasi
+            weight[alive] = Law.of(part, begin, *about)[0].quasi
         else:
             weight = ends.weights(start, odd=self.continuous)
-        law, rough = Law.of(part, weight[alive], self.continuous)
+        law, rough = Law.of(part, weight[alive], *about)
         second = 2 * weight[alive] @ part.expect(steps[:, None]).value[:, 0]
         mean = float(weight @ values[-1])
         variance = second - mean**2 - (0 if self.continuous else mean)
@@ -367,7 +369,9 @@ def _elasticities(
     own = _OfBoth(map.field if isinstance(map, Flow) else map, False)
 
     def mean_time(both: Any) -> Any:
-        noisy = _OfBoth(noise, True) if callable(noise) else _scaled(noise, both[1])
+        noisy: Any = _OfBoth(noise, True)
+        if not callable(noise):
+            noisy = tuple(both[1] * one for one in listed(noise, ends.box.dimensions))
         duration: Any = 1.0
         if isinstance(map, Flow):
             one = diffusion_to(own, ends, both, noisy)
@@ -397,8 +401,3 @@ def _elasticities(
         "derivative": derivative,
         "elasticity": derivative * value / time,
     }
-
-
-def _scaled(noise: Any, factor: Any) -> Any:
-    several = isinstance(noise, tuple) or np.ndim(noise)
-    return tuple(factor * one for one in noise) if several else factor * noise
