@@ -369,8 +369,10 @@ def _elasticities(
     own = _OfBoth(map.field if isinstance(map, Flow) else map, False)
 
     def mean_time(both: Any) -> Any:
-        noisy: Any = _OfBoth(noise, True)
-        if not callable(noise):
+        noisy: Any
+        if callable(noise):
+            noisy = _OfBoth(noise, True)
+        else:
             noisy = tuple(both[1] * one for one in listed(noise, ends.box.dimensions))
         duration: Any = 1.0
         if isinstance(map, Flow):
