@@ -152,7 +152,8 @@ class _Stopped:
         values = np.zeros((len(ends.names) + 1, ends.cells))
         values[:-1, size:] = np.eye(len(ends.names))
         values[:, alive] = solved.value.T
-        about = float(steps.max()), self.continuous
+        longest = float(steps.max())
+        about = longest, self.continuous
         if start is None:
             weight = np.zeros(ends.cells)
             begin = np.full(part.cells.size, 1 / part.cells.size)
@@ -160,16 +161,18 @@ class _Stopped:
         else:
             weight = ends.weights(start, odd=self.continuous)
         law, rough = Law.of(part, weight[alive], *about)
-        second = 2 * weight[alive] @ part.expect(steps[:, None]).value[:, 0]
+        # In units of the longest time, because squares may be too large for 64 bits.
+        second = 2 * weight[alive] @ part.expect(steps[:, None] / longest).value[:, 0] / longest
         mean = float(weight @ values[-1])
-        variance = second - mean**2 - (0 if self.continuous else mean)
+        part_of = mean / longest
+        variance = second - part_of**2 - (0 if self.continuous else part_of / longest)
         quasi = np.zeros(size)
         quasi[alive[:size]] = law.quasi
 
         def numbers(law: Law) -> dict[str, Any]:
             return {
                 "mean_time": self.duration * mean,
-                "deviation": self.duration * max(variance, 0.0) ** 0.5,
+                "deviation": self.duration * longest * max(variance, 0.0) ** 0.5,
                 "rate": law.rate / self.duration,
                 "within": self.duration * np.array([law.quantile(share) for share in SHARES]),
                 "probability": (values[:-1] @ weight).clip(0, 1),
@@ -310,11 +313,14 @@ def escape(
         start=start,
         labels=labels,
         path=whole.path(solved["weight"]),
-        **values,
-        **errors,
+        **{name: _plain(value) for name, value in {**values, **errors}.items()},
         **fields,
         **causes,
     )
+
+
+def _plain(value: Any) -> Any:
+    return value if np.ndim(value) else float(value)
 
 
 def _errors(solved: Mapping[str, Any], moved: Mapping[str, Any]) -> dict[str, Any]:
@@ -329,10 +335,9 @@ def _errors(solved: Mapping[str, Any], moved: Mapping[str, Any]) -> dict[str, An
         for name, value in values.items()
     }
     least = max(errors[name] / values[name] for name in ("mean_time", "deviation", "rate"))
-    return {
-        f"{name}_error": error if name == "probability" else np.maximum(error, least * values[name])
-        for name, error in errors.items()
-    }
+    for name in errors.keys() - {"probability"}:
+        errors[name] = np.maximum(errors[name], least * values[name])
+    return {f"{name}_error": error for name, error in errors.items()}
 
 
 def _diffused(map: Flow, ends: Ends, params: Any, noise: Any) -> _Stopped:

@@ -47,9 +47,10 @@ class Law:
         length = np.linalg.norm(start)
         basis[0] = start / length
         visits = _visits(part, continuous and longest < _LONG)
-        used = modes
+        used, rough = modes, max(1, 2 * modes // 3)
         for k in range(modes):
-            vector = visits(basis[k])
+            # Squares of longer vectors may be too large for 64 bits.
+            vector = visits(basis[k]) / longest
             size = np.linalg.norm(vector)
             # Twice, because rounding leaves a part of earlier vectors.
             for _ in range(2):
@@ -58,7 +59,8 @@ class Law:
                 vector = vector - along @ basis[: k + 1]
             block[k + 1, k] = np.linalg.norm(vector)
             if block[k + 1, k] <= _ROUNDING * size:
-                used = k + 1
+                # The modes so far are complete, up to rounding.
+                used = rough = k + 1
                 break
             basis[k + 1] = vector / block[k + 1, k]
         sums = basis.sum(axis=1)
@@ -70,9 +72,9 @@ class Law:
             share = (sums[:count] @ inner) * np.linalg.solve(inner, first.astype(complex))
             slowest = np.real(inner[:, np.argmax(span.real)]) @ basis[:count]
             quasi = np.maximum(slowest / slowest.sum(), 0)
-            return cls(span.astype(complex), share, continuous, quasi / quasi.sum())
+            return cls(longest * span.astype(complex), share, continuous, quasi / quasi.sum())
 
-        return law(used), law(max(1, 2 * used // 3))
+        return law(used), law(rough)
 
     @property
     def rate(self) -> float:
