@@ -70,7 +70,14 @@ and a reward `r_u`. With a discount `g` the *value* solves (Alg. 5.5)
 
 Without a discount, the *stochastic shortest path* is the policy with the largest probability of
 reaching a goal and, of the policies with this probability, the one with the least time. See
-`DecisionModel`, `value_iteration`, `policy_chain` and `stochastic_shortest_path`.
+`DecisionModel`, `value_iteration`, `policy_chain` and `stochastic_shortest_path`. For a number of
+steps, or for the average reward `a` with `a + h = max_u (r_u + P_u h)`, see `finite_horizon` and
+`average_reward`.
+
+**From data.** `maximum_likelihood` estimates a chain from numbers of observed steps, also a
+reversible one. `posterior` gives the interval of any quantity of it, and `chapman_kolmogorov`
+compares its powers with later observations. The implied time scales of a lag are
+`-lag / log |x|`, with the eigenvalues `x` of `leading_modes`.
 
 **Method.** First, cells whose next cell is certain are eliminated. If at most 200 cells are left,
 these are eliminated too, without subtractions, which gives nearly all digits even of times of 1e60

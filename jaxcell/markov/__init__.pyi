@@ -9,6 +9,13 @@ from .conditional import (
 )
 from .decision import DecisionModel as DecisionModel, policy_chain as policy_chain
 from .discounted import Optimum as Optimum, value_iteration as value_iteration
+from .estimation import (
+    ChapmanKolmogorov as ChapmanKolmogorov,
+    Spread as Spread,
+    chapman_kolmogorov as chapman_kolmogorov,
+    maximum_likelihood as maximum_likelihood,
+    posterior as posterior,
+)
 from .hitting import (
     Absorption as Absorption,
     absorption_probabilities as absorption_probabilities,
@@ -57,6 +64,11 @@ from .transition_paths import (
     ReactiveFlux as ReactiveFlux,
     committor as committor,
     reactive_flux as reactive_flux,
+)
+from .undiscounted import (
+    Average as Average,
+    average_reward as average_reward,
+    finite_horizon as finite_horizon,
 )
 from .visited import (
     Exits as Exits,

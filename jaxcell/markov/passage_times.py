@@ -206,7 +206,8 @@ def _by_steps(
         if steps % _BETWEEN:
             continue
         if steps == _BETWEEN:
-            part, (limit[part], *_) = slowest_part(step, np.ones(lost.size, bool))
+            part, found = slowest_part(step, np.ones(lost.size, bool))
+            limit[part] = found.value
         if np.abs(now / total - limit).sum() <= _SETTLED:
             out = limit @ (arrive + lost)
             with np.errstate(invalid="ignore"):

@@ -1,5 +1,6 @@
 import contextlib
 import dataclasses
+import functools
 import math
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 from jaxtyping import Array, Float
-from scipy.sparse import linalg
+from scipy.sparse import csgraph, linalg
 
 from ..base.certificate import Certificate, Real
 from ..base.divided import put_on_device
@@ -29,8 +30,10 @@ from .visited import out_of
 
 # Relative change of the distribution that counts as rounding.
 _ROUNDING = 2.0**-46
-# Largest number of squarings of a matrix, and of solves.
-_SQUARINGS, _SOLVES = 60, 100
+# Change that may be rounding, and change of a guess that is of no use.
+_SURE, _ROUGH = 1e-9, 1e-3
+# Largest number of cells whose matrix is squared, of squarings, and of solves.
+_DENSE, _SQUARINGS, _SOLVES = 500, 60, 100
 _SEED = 0
 
 
@@ -73,8 +76,10 @@ def quasi_stationary(
     """
     require_x64("quasi_stationary")
     inside = cell_mask(chain.cells, within, "within")
+    # The right eigenvector is needed for derivatives.
+    compute = functools.partial(_found, both=traced(chain, inside))
     form = (like(float, chain.cells),) * 2, *CERTIFIED
-    (value, survival), solves, residual = on_host(_found, form, chain, inside)
+    (value, survival), solves, residual = on_host(compute, form, chain, inside)
     certificate = Certificate(solves, residual, TOLERANCE)
     certificate.check("quasi_stationary", throw)
     if not traced(chain, inside):
@@ -89,80 +94,96 @@ def quasi_stationary(
     return QuasiStationary(value, value @ out_of(chain, inside), certificate)
 
 
-def _found(matrix: scipy.sparse.csr_array, inside: Cells) -> tuple[Any, ...]:
+def _found(matrix: scipy.sparse.csr_array, inside: Cells, *, both: bool) -> tuple[Any, ...]:
     """Return the distribution and the right eigenvector, the number of solves, and the residual."""
     part, found = slowest_part(matrix, np.asarray(inside))
-    both = np.zeros((2, part.size))
-    both[:, part] = found[:2]
-    return tuple(both), *found[2:]
+    vectors = np.zeros((2, part.size))
+    vectors[0, part] = found.value
+    if both:
+        transient, now = Transient.of(matrix, part), np.ones(found.value.size)
+        for _ in range(_SOLVES):
+            last, now = now, transient.expect(now[:, None]).value[:, 0]
+            now = now / now.max()
+            if np.abs(now - last).max() <= _ROUNDING:
+                break
+        vectors[1, part] = now
+    return tuple(vectors), found.solves, found.residual
 
 
-def slowest_part(
-    matrix: scipy.sparse.csr_array, inside: Cells
-) -> tuple[Cells, tuple[Float[np.ndarray, "part"], Float[np.ndarray, "part"], int, float]]:
+def slowest_part(matrix: scipy.sparse.csr_array, inside: Cells) -> tuple[Cells, "_Settled"]:
     """Find the part of a set that is reached from the component that is left most slowly.
 
-    Returns its mask, its distribution and right eigenvector, the number of solves, and a bound on
-    the relative error of the probability of leaving.
+    Returns its mask and its distribution.
     """
     cells = np.flatnonzero(inside)
-    kept = ~reaching(matrix[cells][:, cells], leaving_of(matrix, inside)[cells] > 0)
+    among, out = matrix[cells][:, cells], leaving_of(matrix, inside)[cells]
+    kept = ~reaching(among, out > 0)
     if kept.any():
         raise ValueError(
             f"within: the set is never left from cell {cells[kept][0]}; limiting_distribution "
             "serves closed sets"
         )
-    transient = Transient.of(matrix, inside)
-    left, right = _guess(transient)
-    # Both eigenvectors are positive only in the slowest component.
-    begin = np.arange(left.size) == (left * right).argmax()
-    reached = reaching(transient.step.T.tocsr(), begin)
-    part = np.zeros(inside.size, bool)
-    part[cells[reached]] = True
-    value, survival = np.maximum(left[reached], np.finfo(float).tiny), right[reached]
-    transient, solves, changed = Transient.of(matrix, part), 0, math.inf
-    while solves < _SOLVES and changed > _ROUNDING:
-        solves += 1
-        last, found = value, transient.visits(value)
-        value = found.value / found.value.sum()
-        changed = float(np.abs(value / last - 1).max())
-    for _ in range(_SOLVES):
-        before, survival = survival, transient.expect(survival[:, None]).value[:, 0]
-        survival = survival / survival.max()
-        if np.abs(survival - before).max() <= _ROUNDING:
-            break
-    with np.errstate(all="ignore"):
-        error = np.fmin(found.relative, found.left / last)
-        ratio = found.value / last
-        bound = (ratio / (1 - error)).max() / (ratio / (1 + error)).min() - 1
-    residual = float(bound) if error.max() < 1 and np.isfinite(bound) else math.inf
-    return part, (value, survival, solves, residual)
+    count, label = csgraph.connected_components(among, connection="strong")
+
+    def settled(members: np.ndarray) -> tuple[np.ndarray, _Settled]:
+        part = np.zeros(inside.size, bool)
+        part[cells[members]] = True
+        return part, _Settled.of(Transient.of(matrix, part))
+
+    leaves = np.zeros(count)
+    if count > 1:
+        onward = among - scipy.sparse.diags_array(among.diagonal())
+        leaves[label] = out + onward @ np.ones(cells.size)
+        for number in np.flatnonzero(np.bincount(label) > 1):
+            leaves[number] = settled(label == number)[1].leaving
+    return settled(reaching(among.T.tocsr(), label == leaves.argmin()))
 
 
-def _guess(part: Transient) -> tuple[Float[np.ndarray, "part"], Float[np.ndarray, "part"]]:
-    """Guess the left and the right eigenvector of the visits of a part."""
-    size = part.cells.size
-    if size <= solve.LIMITS.small:
-        # A high power of the visits is the product of both eigenvectors.
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Settled:
+    """The quasi-stationary distribution of a part all of which its slowest component reaches."""
+
+    value: Float[np.ndarray, "part"]
+    leaving: float
+    solves: int
+    residual: float
+    "A bound on the relative error of `leaving`."
+
+    @classmethod
+    def of(cls, part: Transient) -> "_Settled":
+        value, solves, before, changed = _guess(part), 0, math.inf, 1.0
+        # Later changes are rounding if they do not shrink.
+        while solves < _SOLVES and (changed > _SURE or _ROUNDING < changed < 0.9 * before):
+            solves += 1
+            last, found = value, part.visits(value)
+            value = found.value / found.value.sum()
+            before, changed = changed, float(np.abs(value / last - 1).max())
+            if solves == 1 and changed > _ROUGH:
+                value = np.full(value.size, 1 / value.size)
+        with np.errstate(all="ignore"):
+            error = np.fmin(found.relative, found.left / last)
+            ratio = found.value / last
+            bound = (ratio / (1 - error)).max() / (ratio / (1 + error)).min() - 1
+        residual = float(bound) if error.max() < 1 and np.isfinite(bound) else math.inf
+        return cls(value, float(part.leaving @ value), solves, residual)
+
+
+def _guess(part: Transient) -> Float[np.ndarray, "part"]:
+    """Guess the left eigenvector of the visits of a part, by default the uniform distribution."""
+    size, guess = part.cells.size, np.ones(part.cells.size)
+    if size <= _DENSE:
+        # The rows of a high power of the visits are proportional to it.
         power = part.visited(np.eye(size))[0].T
         for _ in range(_SQUARINGS):
             power = power / power.max()
             power = power @ power
-        row, column = power.sum(axis=1).argmax(), power.sum(axis=0).argmax()
-        return power[row] / power[row].sum(), power[:, column] / power[:, column].max()
-    left = right = np.ones(size) / size
-    # If this fails, the guess is uniform.
-    with contextlib.suppress(RuntimeError):
-        if size <= solve.LIMITS.complete:
+        guess = power[power.sum(axis=1).argmax()]
+    elif size <= solve.LIMITS.complete:
+        with contextlib.suppress(RuntimeError):
             apply = solve.factored(part.step)
+            visits = linalg.LinearOperator(
+                part.step.shape, lambda x: apply(x.reshape(-1, 1), True)[:, 0], dtype=float
+            )
             start = np.random.default_rng(_SEED).random(size)
-            left, right = (_nearest_to_1(apply, start, adjoint) for adjoint in (True, False))
-    return left / left.sum(), right
-
-
-def _nearest_to_1(apply: Any, start: np.ndarray, adjoint: bool) -> Float[np.ndarray, "part"]:
-    """Return the eigenvector of a matrix for the largest eigenvalue of its visits `apply`."""
-    visits = linalg.LinearOperator(
-        (start.size, start.size), lambda x: apply(x.reshape(-1, 1), adjoint)[:, 0], dtype=float
-    )
-    return np.abs(linalg.eigs(visits, k=1, which="LR", v0=start)[1][:, 0].real)
+            guess = np.abs(linalg.eigs(visits, k=1, which="LR", v0=start)[1][:, 0].real)
+    return np.maximum(guess / guess.sum(), np.finfo(float).tiny)

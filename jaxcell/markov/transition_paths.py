@@ -116,8 +116,9 @@ def reactive_flux(
             "reactive_flux: the chain has no persistent group, so nothing remains in the long run; "
             "committor and visits serve chains that leave the space"
         )
+    none = both + jnp.where(jnp.any(share > 0), 0.0, jnp.nan)
     forward = arrival_probabilities(_stopped(chain, here), there, throw=False)
-    given = put_on_device((mass + both, forward.value, here, there))
+    given = put_on_device((mass + none, forward.value, here, there))
     (gross, net, density), numbers = _flux(chain, *given)
     rate, duration, time, uneven = numbers if traced(numbers) else map(float, numbers)
     residual = _largest(backward.residual, forward.certificate.residual, uneven)

@@ -219,6 +219,29 @@ def test_two_wells_that_are_left_with_similar_rates_are_told_apart():
     assert found.leaving == pytest.approx(least * 1e-21, rel=1e-13)
 
 
+@pytest.mark.parametrize("rare", [1e-6, 1e-20])
+def test_slowest_of_two_large_clusters_is_found(rare):
+    """Two clusters of 120 cells; mass goes from the second to the first, and from there out."""
+    draw = np.random.default_rng(3)
+    matrix = np.zeros((241, 241))
+    for k in (0, 120):
+        matrix[k : k + 120, k : k + 120] = draw.dirichlet(np.ones(120), 120)
+    matrix[120, 0], matrix[0, 240], matrix[240, 240] = 0.9 * rare, rare, 1
+    chain = Chain.from_scipy(matrix / matrix.sum(axis=1, keepdims=True))
+    leaving = []
+    for k in (0, 120):
+        inside = matrix[k : k + 120, k : k + 120]
+        pi = np.linalg.solve(np.eye(120) - inside.T + 1, np.ones(120))
+        leaving.append(pi[0] * (rare if k == 0 else 0.9 * rare))
+    slowest = int(np.argmin(leaving))
+    found = markov.quasi_stationary(chain, range(240))
+    # Sums over many steps between the clusters change the least by the order of the coupling.
+    assert found.leaving == pytest.approx(leaving[slowest], rel=max(10 * rare, 1e-12))
+    assert found.value[:120].sum() == pytest.approx(
+        1 if slowest == 0 else leaving[1] / leaving[0], rel=max(100 * rare, 1e-10)
+    )
+
+
 def test_parts_of_a_set_that_lead_only_one_way():
     # Cells 0 and 1 are slower, and lead to 2 and 3; cell 4 leads to 0, and stays for .2.
     matrix = np.zeros((6, 6))

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from ...base.shown import Shown
 from ...currents.sphere import EARTH_RADIUS, goes_round, on_sphere, wrapped
 from ...mapping import Chain
+from ...markov.estimation import Spread
 from ..water import Water
 from .trajectories import Trajectories
 
@@ -86,22 +87,6 @@ class CountedMoves(Shown):
         image = np.tile(np.arange(cells, dtype=np.int32), (int(slot.max(initial=0)) + 1, 1))
         image[slot, begin] = end
         return image, (slot * cells + begin)[pair]
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Spread(Shown):
-    """A quantity with its sampling error, estimated by a bootstrap over drifters."""
-
-    value: np.ndarray
-    "The quantity for all drifters."
-    mean: np.ndarray
-    "The mean over the bootstrap samples."
-    error: np.ndarray
-    "The standard deviation over the bootstrap samples; NaN if a sample is not finite."
-    low: np.ndarray
-    "The 5 % quantile over the bootstrap samples."
-    high: np.ndarray
-    "The 95 % quantile over the bootstrap samples."
 
 
 def boxes(
@@ -269,11 +254,8 @@ def bootstrap(
     if samples < 2:
         raise ValueError(f"samples: expected 2 or more, got {samples}")
     random = np.random.default_rng(seed)
-    drawn = [np.asarray(quantity(moves.resampled(random)), float) for _ in range(samples)]
-    low, high = np.quantile(drawn, [0.05, 0.95], axis=0)
-    with np.errstate(invalid="ignore"):
-        mean, error = np.mean(drawn, axis=0), np.std(drawn, axis=0, ddof=1)
-    return Spread(*map(np.asarray, (quantity(moves.chain), mean, error, low, high)))
+    drawn = (moves.resampled(random) for _ in range(samples))
+    return Spread.of(quantity, moves.chain, drawn)
 
 
 def located(

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 
 from ...base.quantities import Result, derived, quantity
 from ...mapping import Chain, ChainSequence
-from ...mapping.sequence import as_sequence
+from ...markov.estimation import chapman_kolmogorov
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -69,23 +69,12 @@ class MarkovTest(Result):
         - `depth`: depth of the cells, in metres.
         - `first`: the number that the result gives to set 0; sets 1, 2, ... get the next numbers.
         """
-        steps = as_sequence(chain)
-        rows = []
-        for count, *cells in seen:
-            origin, end = map(np.asarray, cells)
-            last = np.where(end >= 0, np.append(sets, -1)[end], -1)
-            for number in range(int(sets.max(initial=-1)) + 1):
-                inside = sets[origin] == number
-                if not (drifters := int(inside.sum())):
-                    continue
-                begin = np.bincount(origin[inside], minlength=steps.cells) / drifters
-                *_, later = steps.pushed(begin, count)
-                stay = float((last[inside] == number).mean())
-                error = np.sqrt(stay * (1 - stay) / drifters)
-                mapped = min(1.0, float(later[sets == number].sum()))
-                rows.append((first + number, depth, count * seconds / 3600, mapped, stay, error))
-        table = np.array(rows, float).reshape(-1, 6).T
-        return cls(table[0].astype(np.int32), *table[1:])
+        test = chapman_kolmogorov(chain, sets, seen)
+        time, number = np.nonzero(test.walkers)
+        hours = np.array([count for count, *_ in seen], float)[time] * seconds / 3600
+        shares = (x[time, number] for x in (test.by_chain, test.seen, test.error))
+        depths = np.full(time.size, float(depth))
+        return cls((first + number).astype(np.int32), depths, hours, *shares)
 
     @classmethod
     def joined(cls, tests: Sequence["MarkovTest"]) -> "MarkovTest":
