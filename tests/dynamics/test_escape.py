@@ -254,6 +254,15 @@ def test_elasticities_equal_differences(kind):
     assert "1 % more noise" in found.answer[-1]
 
 
+def test_functions_may_be_of_a_point_alone():
+    box = Box([-1], [1], [40])
+
+    def run(noise, **options):
+        return dynamics.escape(lambda x: x / 2, box, noise=noise, start=[0], **options).mean_time
+
+    assert run(lambda x: 0.4 + 0 * x, gradient=True) == pytest.approx(run(0.4), rel=1e-12)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -17,7 +17,7 @@ from ...markov.hitting import TOLERANCE
 from ...markov.transient import Transient
 from ...space.box import Box
 from ..imaging import OnBox, axis_names
-from ..maps import Flow, Map
+from ..maps import Flow, Map, with_params
 from ..system import System
 from .chains import chain
 from .deviations import listed
@@ -267,7 +267,7 @@ def escape(
         labels = labels or system.labels
         map: Map = system.map
     else:
-        map = system
+        map = with_params(system, 2, "map")
     if box is None:
         raise ValueError("box: expected a box for a map")
     regions = regions_of(into)
@@ -283,7 +283,6 @@ def escape(
     if start is not None:
         start = tuple(float(one) for one in start)
         ends.weights(start, odd=continuous)
-    problem = map, ends, params, noise
     if isinstance(map, Flow):
         if options:
             raise ValueError(f"options: a flow has none, got {', '.join(options)}")
@@ -304,7 +303,8 @@ def escape(
     values, errors = solved["numbers"], _errors(solved, other["numbers"])
     causes: dict[str, Any] = {}
     if gradient:
-        causes = _elasticities(*problem, solved["weight"], values["mean_time"], options)
+        about = solved["weight"], values["mean_time"], options
+        causes = _elasticities(map, ends, params, noise, *about)
     fields = {name: solved[name] for name in ("time", "committor", "quasi_stationary", "residual")}
     return Escape(
         box=box,
@@ -370,14 +370,12 @@ def _elasticities(
 ) -> dict[str, Any]:
     """Differentiate the mean time by each parameter and by a factor of the noise."""
     size, stops = ends.box.size, np.arange(ends.cells) >= ends.box.size
-
     own = _OfBoth(map.field if isinstance(map, Flow) else map, False)
+    function = _OfBoth(with_params(noise, 2, "noise"), True) if callable(noise) else None
 
     def mean_time(both: Any) -> Any:
-        noisy: Any
-        if callable(noise):
-            noisy = _OfBoth(noise, True)
-        else:
+        noisy: Any = function
+        if function is None:
             noisy = tuple(both[1] * one for one in listed(noise, ends.box.dimensions))
         duration: Any = 1.0
         if isinstance(map, Flow):
