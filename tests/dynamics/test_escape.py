@@ -158,6 +158,24 @@ def test_law_of_a_map_is_that_of_its_first_passages():
     np.testing.assert_allclose(found.within, known, rtol=1e-3)
 
 
+def test_law_of_a_very_rare_event_is_exponential():
+    # The depth of the well is 0.25, so that the time grows as exp(0.5 / noise^2).
+    found = dynamics.escape(
+        WELL,
+        Box([-2], [0.5], [500], "clamp"),
+        STANDARD,
+        noise=0.03,
+        start=[-1],
+        into=lambda x: x[:, 0] >= 0,
+    )
+    known = np.pi / np.sqrt(2) * np.exp(0.5 / 0.03**2)
+    assert known > 1e241
+    assert found.mean_time == pytest.approx(known, rel=0.02)
+    assert found.mean_time_error < 0.05 * known
+    assert found.deviation == pytest.approx(found.mean_time, rel=1e-6)
+    np.testing.assert_allclose(found.within, -found.mean_time * np.log(1 - found.share), rtol=1e-6)
+
+
 def test_start_in_the_long_run_leaves_at_a_constant_rate():
     box = Box([-2], [1.6], [60])
     found = dynamics.escape(WELL, box, STANDARD, noise=0.6)
@@ -234,6 +252,15 @@ def test_elasticities_equal_differences(kind):
             slope * value / found.mean_time, rel=1e-4, abs=1e-9
         )
     assert "1 % more noise" in found.answer[-1]
+
+
+def test_functions_may_be_of_a_point_alone():
+    box = Box([-1], [1], [40])
+
+    def run(noise, **options):
+        return dynamics.escape(lambda x: x / 2, box, noise=noise, start=[0], **options).mean_time
+
+    assert run(lambda x: 0.4 + 0 * x, gradient=True) == pytest.approx(run(0.4), rel=1e-12)
 
 
 @pytest.mark.parametrize(

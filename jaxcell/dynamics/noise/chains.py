@@ -20,7 +20,7 @@ from ...space.box import Box
 from ..batches import padded
 from ..imaging import check_begin, check_map, mapped_points, torn_axes
 from ..maps import Flow, Map
-from .deviations import deviations_of
+from .deviations import deviations_of, listed
 from .normal import all_probabilities, distributed_rows, transition_rows
 
 
@@ -202,7 +202,7 @@ def moved(quantity: Callable[[Chain], Any], chain: Chain) -> Any:
 def _traced_chain(map: Map, box: Box, params: Any, samples: int, noise: Any, key: Any) -> Chain:
     """Build a chain like [`chain`][] in a program that JAX traces; each cell leads to all cells."""
     spread = deviations_of(noise, box)
-    fixed = () if callable(noise) else _listed(noise, box.dimensions)
+    fixed = () if callable(noise) else listed(noise, box.dimensions)
     memory.check(24 * box.size**2, f"a traced chain of {box.size} cells", "use fewer cells")
     with jax.ensure_compile_time_eval():
         shift = _shift(box, key)
@@ -216,10 +216,6 @@ def _traced_chain(map: Map, box: Box, params: Any, samples: int, noise: Any, key
     rows = jax.lax.map(row, jnp.asarray(points), batch_size=part)
     cells = jnp.arange(box.size, dtype=jnp.int32)
     return Chain(jnp.broadcast_to(cells[:, None], rows.shape), rows.T)
-
-
-def _listed(noise: Any, axes: int) -> tuple[Any, ...]:
-    return tuple(noise) if isinstance(noise, tuple) or np.ndim(noise) else (noise,) * axes
 
 
 def _shift(box: Box, key: Any) -> Float[np.ndarray, "cells axes"]:

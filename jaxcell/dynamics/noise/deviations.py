@@ -19,14 +19,18 @@ def deviations_of(noise: Any, box: Box) -> Callable[[Any, Any], Any]:
     if callable(noise):
         given = _Deviations(with_params(noise, 2, "noise"), box.dimensions)
         return lambda points, params: mapped_points(given, params, points[:, None])[:, 0]
-    several = isinstance(noise, tuple) or np.ndim(noise)
-    each = tuple(noise) if several else (noise,) * box.dimensions
+    each = listed(noise, box.dimensions)
     if len(each) != box.dimensions:
         raise ValueError(f"noise: expected {box.dimensions} numbers, got {len(each)}")
     if not traced(noise) and not all(0 <= float(one) < np.inf for one in each):
         raise ValueError(f"noise: expected numbers from 0, got {noise}")
     numbers = jnp.stack([jnp.asarray(one, float) for one in each])
     return lambda points, params: jnp.broadcast_to(numbers, points.shape)
+
+
+def listed(noise: Any, axes: int) -> tuple[Any, ...]:
+    """Return one standard deviation per axis, for one number or one per axis."""
+    return tuple(noise) if isinstance(noise, tuple) or np.ndim(noise) else (noise,) * axes
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Ends of a process on the cells of a box: regions that it enters, and open sides of the box."""
 
 import dataclasses
+import functools
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -59,11 +60,7 @@ class Ends:
 
     box: Box
     names: tuple[str, ...]
-    alive: Bool[np.ndarray, "cells"]
-    "The cells whose centres are in no region."
     regions: tuple[_Within, ...]
-    end: Int[np.ndarray, "cells"]
-    "The number of the first region with the centre of each cell, or -1."
 
     @classmethod
     def of(cls, box: Box, regions: Mapping[str, Region], *, sides: bool = True) -> "Ends":
@@ -76,11 +73,17 @@ class Ends:
         out = [f"{side} x{axis}" for axis in sinks for side in ("below", "above")]
         if sinks and not sides:
             out = ["outside of the box"]
-        centre = box.centre(np.arange(box.size, dtype=np.int32))
-        end = np.full(box.size, -1)
-        for number, inside in reversed(list(enumerate(each.values()))):
-            end[inside(centre)] = number
-        return cls(box, (*each, *out), end < 0, tuple(each.values()), end)
+        return cls(box, (*each, *out), tuple(each.values()))
+
+    @functools.cached_property
+    def end(self) -> Int[np.ndarray, "cells"]:
+        """The number of the first region with the centre of each cell, or -1."""
+        return self.inside(self.box.centre(np.arange(self.box.size, dtype=np.int32)))
+
+    @property
+    def alive(self) -> Bool[np.ndarray, "cells"]:
+        """A mask of the cells whose centres are in no region."""
+        return self.end < 0
 
     @property
     def cells(self) -> int:
@@ -198,13 +201,11 @@ class Ends:
         count, kind = self.box.cells[axis], self.box.axes[axis]
         offset = (place - self.box.lower[axis]) / float(self.box.width[axis]) - 0.5
         first = math.floor(offset)
-        part = offset - first
+        pair: list[tuple[Any, float]] = [(first, first + 1 - offset), (first + 1, offset - first)]
         if kind == "periodic":
-            return [(first % count, 1 - part), ((first + 1) % count, part)]
-        nearest = min(max(round(offset), 0), count - 1)
-        if 0 <= offset <= count - 1:
-            return [(first, 1 - part), (min(first + 1, count - 1), part)]
-        if kind == "clamp" or not odd:
-            return [(nearest, 1.0)]
+            return [(index % count, share) for index, share in pair]
+        if not (kind == "sink" and odd) or 0 <= offset <= count - 1:
+            return [(min(max(index, 0), count - 1), share) for index, share in pair]
+        nearest, side = (0, "below") if offset < 0 else (count - 1, "above")
         beyond = 2 * abs(offset - nearest)
-        return [(nearest, 1 - beyond), (f"{'below' if offset < 0 else 'above'} x{axis}", beyond)]
+        return [(nearest, 1 - beyond), (f"{side} x{axis}", beyond)]

@@ -17,9 +17,10 @@ from ...markov.hitting import TOLERANCE
 from ...markov.transient import Transient
 from ...space.box import Box
 from ..imaging import OnBox, axis_names
-from ..maps import Flow, Map
+from ..maps import Flow, Map, with_params
 from ..system import System
 from .chains import chain
+from .deviations import listed
 from .diffusion import diffusion_to, regions_of
 from .ends import Ends, Region, within
 from .law import Law
@@ -151,23 +152,27 @@ class _Stopped:
         values = np.zeros((len(ends.names) + 1, ends.cells))
         values[:-1, size:] = np.eye(len(ends.names))
         values[:, alive] = solved.value.T
+        longest = float(steps.max())
+        about = longest, self.continuous
         if start is None:
             weight = np.zeros(ends.cells)
             begin = np.full(part.cells.size, 1 / part.cells.size)
-            weight[alive] = Law.of(part, begin, self.continuous)[0].quasi
+            weight[alive] = Law.of(part, begin, *about)[0].quasi
         else:
             weight = ends.weights(start, odd=self.continuous)
-        law, rough = Law.of(part, weight[alive], self.continuous)
-        second = 2 * weight[alive] @ part.expect(steps[:, None]).value[:, 0]
+        law, rough = Law.of(part, weight[alive], *about)
+        # In units of the longest time, because squares may be too large for 64 bits.
+        second = 2 * weight[alive] @ part.expect(steps[:, None] / longest).value[:, 0] / longest
         mean = float(weight @ values[-1])
-        variance = second - mean**2 - (0 if self.continuous else mean)
+        part_of = mean / longest
+        variance = second - part_of**2 - (0 if self.continuous else part_of / longest)
         quasi = np.zeros(size)
         quasi[alive[:size]] = law.quasi
 
         def numbers(law: Law) -> dict[str, Any]:
             return {
                 "mean_time": self.duration * mean,
-                "deviation": self.duration * max(variance, 0.0) ** 0.5,
+                "deviation": self.duration * longest * max(variance, 0.0) ** 0.5,
                 "rate": law.rate / self.duration,
                 "within": self.duration * np.array([law.quantile(share) for share in SHARES]),
                 "probability": (values[:-1] @ weight).clip(0, 1),
@@ -262,7 +267,7 @@ def escape(
         labels = labels or system.labels
         map: Map = system.map
     else:
-        map = system
+        map = with_params(system, 2, "map")
     if box is None:
         raise ValueError("box: expected a box for a map")
     regions = regions_of(into)
@@ -278,7 +283,6 @@ def escape(
     if start is not None:
         start = tuple(float(one) for one in start)
         ends.weights(start, odd=continuous)
-    problem = map, ends, params, noise
     if isinstance(map, Flow):
         if options:
             raise ValueError(f"options: a flow has none, got {', '.join(options)}")
@@ -299,7 +303,8 @@ def escape(
     values, errors = solved["numbers"], _errors(solved, other["numbers"])
     causes: dict[str, Any] = {}
     if gradient:
-        causes = _elasticities(*problem, solved["weight"], values["mean_time"], options)
+        about = solved["weight"], values["mean_time"], options
+        causes = _elasticities(map, ends, params, noise, *about)
     fields = {name: solved[name] for name in ("time", "committor", "quasi_stationary", "residual")}
     return Escape(
         box=box,
@@ -308,11 +313,14 @@ def escape(
         start=start,
         labels=labels,
         path=whole.path(solved["weight"]),
-        **values,
-        **errors,
+        **{name: _plain(value) for name, value in {**values, **errors}.items()},
         **fields,
         **causes,
     )
+
+
+def _plain(value: Any) -> Any:
+    return value if np.ndim(value) else float(value)
 
 
 def _errors(solved: Mapping[str, Any], moved: Mapping[str, Any]) -> dict[str, Any]:
@@ -327,10 +335,9 @@ def _errors(solved: Mapping[str, Any], moved: Mapping[str, Any]) -> dict[str, An
         for name, value in values.items()
     }
     least = max(errors[name] / values[name] for name in ("mean_time", "deviation", "rate"))
-    return {
-        f"{name}_error": error if name == "probability" else np.maximum(error, least * values[name])
-        for name, error in errors.items()
-    }
+    for name in errors.keys() - {"probability"}:
+        errors[name] = np.maximum(errors[name], least * values[name])
+    return {f"{name}_error": error for name, error in errors.items()}
 
 
 def _diffused(map: Flow, ends: Ends, params: Any, noise: Any) -> _Stopped:
@@ -363,11 +370,13 @@ def _elasticities(
 ) -> dict[str, Any]:
     """Differentiate the mean time by each parameter and by a factor of the noise."""
     size, stops = ends.box.size, np.arange(ends.cells) >= ends.box.size
-
     own = _OfBoth(map.field if isinstance(map, Flow) else map, False)
+    function = _OfBoth(with_params(noise, 2, "noise"), True) if callable(noise) else None
 
     def mean_time(both: Any) -> Any:
-        noisy = _OfBoth(noise, True) if callable(noise) else _scaled(noise, both[1])
+        noisy: Any = function
+        if function is None:
+            noisy = tuple(both[1] * one for one in listed(noise, ends.box.dimensions))
         duration: Any = 1.0
         if isinstance(map, Flow):
             one = diffusion_to(own, ends, both, noisy)
@@ -397,8 +406,3 @@ def _elasticities(
         "derivative": derivative,
         "elasticity": derivative * value / time,
     }
-
-
-def _scaled(noise: Any, factor: Any) -> Any:
-    several = isinstance(noise, tuple) or np.ndim(noise)
-    return tuple(factor * one for one in noise) if several else factor * noise

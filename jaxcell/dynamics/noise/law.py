@@ -1,9 +1,10 @@
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Complex, Float
 
-from ...markov.solving.solve import solve_signed
+from ...markov.solving.solve import factored, solve_signed
 from ...markov.transient import Transient
 
 
@@ -11,6 +12,8 @@ from ...markov.transient import Transient
 _MODES, _ROUNDING = 24, 1e-13
 # Largest number of cells for which the inverse matrix is computed, by one elimination.
 _DENSE = 400
+# Expected number of steps below which a factorisation keeps seven digits.
+_LONG = 1e9
 _HALVINGS = 100
 
 
@@ -32,23 +35,22 @@ class Law:
 
     @classmethod
     def of(
-        cls, part: Transient, start: Float[np.ndarray, "part"], continuous: bool
+        cls, part: Transient, start: Float[np.ndarray, "part"], longest: float, continuous: bool
     ) -> "tuple[Law, Law]":
         """Find the law for a start, and a law with two thirds of the modes, which shows its error.
 
-        `start` are probabilities, which sum to less than 1 if the chain has left at once.
+        `start` are probabilities, which sum to less than 1 if the chain has left at once, and
+        `longest` is the largest expected number of steps.
         """
         modes = min(_MODES, start.size)
         basis, block = np.zeros((modes + 1, start.size)), np.zeros((modes + 1, modes))
         length = np.linalg.norm(start)
         basis[0] = start / length
-        visits = part.visited(np.eye(start.size))[0] if start.size <= _DENSE else None
-        used = modes
+        visits = _visits(part, continuous and longest < _LONG)
+        used, rough = modes, max(1, 2 * modes // 3)
         for k in range(modes):
-            if visits is None:
-                vector = solve_signed(lambda columns: part.visited(columns)[0], basis[k])
-            else:
-                vector = visits @ basis[k]
+            # Squares of longer vectors may be too large for 64 bits.
+            vector = visits(basis[k]) / longest
             size = np.linalg.norm(vector)
             # Twice, because rounding leaves a part of earlier vectors.
             for _ in range(2):
@@ -57,7 +59,8 @@ class Law:
                 vector = vector - along @ basis[: k + 1]
             block[k + 1, k] = np.linalg.norm(vector)
             if block[k + 1, k] <= _ROUNDING * size:
-                used = k + 1
+                # The modes so far are complete, up to rounding.
+                used = rough = k + 1
                 break
             basis[k + 1] = vector / block[k + 1, k]
         sums = basis.sum(axis=1)
@@ -69,9 +72,9 @@ class Law:
             share = (sums[:count] @ inner) * np.linalg.solve(inner, first.astype(complex))
             slowest = np.real(inner[:, np.argmax(span.real)]) @ basis[:count]
             quasi = np.maximum(slowest / slowest.sum(), 0)
-            return cls(span.astype(complex), share, continuous, quasi / quasi.sum())
+            return cls(longest * span.astype(complex), share, continuous, quasi / quasi.sum())
 
-        return law(used), law(max(1, 2 * used // 3))
+        return law(used), law(rough)
 
     @property
     def rate(self) -> float:
@@ -103,3 +106,14 @@ class Law:
         # Between two numbers of steps the law is interpolated.
         before, after = self.stays(low), self.stays(high)
         return low + (before - (1 - share)) / (before - after) if before > after else high
+
+
+def _visits(part: Transient, factor: bool) -> Callable[[np.ndarray], np.ndarray]:
+    """Return the function that computes expected visits from a start, which may be negative."""
+    if part.cells.size <= _DENSE:
+        matrix = part.visited(np.eye(part.cells.size))[0]
+        return lambda start: np.asarray(matrix @ start)
+    if factor:
+        solve = factored(part.step)
+        return lambda start: solve(start[:, None], True)[:, 0]
+    return lambda start: solve_signed(lambda columns: part.visited(columns)[0], start)

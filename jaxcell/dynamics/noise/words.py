@@ -16,7 +16,8 @@ def answer_of(escape: Any) -> tuple[str, ...]:
     ]
     if len(escape.end) > 1:
         order = np.argsort(-escape.probability, kind="stable")
-        shares = [f"{escape.end[k]} {escape.probability[k]:.1%}" for k in order[:4]]
+        seen = [k for k in order[:4] if escape.probability[k] >= 0.0005]
+        shares = [f"{escape.end[k]} {escape.probability[k]:.1%}" for k in seen]
         sentences.append(f"It leaves to: {', '.join(shares)}.")
     if escape.elasticity is not None:
         order = np.argsort(-np.abs(escape.elasticity), kind="stable")
