@@ -9,8 +9,8 @@ from .graph import Graph, GraphLike
 
 # Largest number of vertices for which the order is optimal.
 _EXACT = 12
-# Number of random changes of a tour times its number of stops, of which each costs a search.
-_CHANGES = 2000
+# Largest number of random changes of a tour, and of changes times stops.
+_CHANGES, _WORK = 40, 16_000
 # Relative decrease of the length of an edge that is already part of the tour.
 _AGAIN = 1e-9
 
@@ -124,7 +124,7 @@ def good_order(between: Float[np.ndarray, "stops stops"]) -> Int[np.ndarray, "st
         nearest[tour] = -1
     best = improved_order(np.array(tour), between)
     random = np.random.default_rng(0)
-    for _ in range(_CHANGES // len(best) if len(best) > 7 else 0):
+    for _ in range(min(_CHANGES, _WORK // len(best)) if len(best) > 7 else 0):
         # Exchange two parts of the tour, which no single reversal or move does.
         i, j, k = np.sort(random.choice(np.arange(1, len(best)), 3, replace=False)).tolist()
         changed = np.concatenate([best[:i], best[j:k], best[i:j], best[k:]])

@@ -4,6 +4,7 @@ import dataclasses
 import io
 import json
 from collections.abc import Callable, Mapping
+from pathlib import Path
 
 import networkx as nx
 import numpy as np
@@ -16,6 +17,8 @@ from PIL import Image
 
 from jaxcell.currents.land import read_land
 from jaxcell.patrol import load_graph
+from jaxcell.patrol.files import load_ways
+from jaxcell.patrol.rounds import load_game, load_routes
 from jaxcell.robot.run_log import read_log
 from jaxcell.robot.tasks.files import load_task
 from jaxcell.space import CellSpace, Workspace
@@ -145,6 +148,7 @@ def use_log(path):
     assert isinstance(run.colors, list)
 
 
+GAMES = Path(__file__).parents[1] / "study" / "games"
 READERS = {
     "graph": Reader(
         load_graph,
@@ -154,6 +158,14 @@ READERS = {
             "g.txt": b"a 0 0\nb 0 1\na b\n",
         },
         {"g.json": PLAIN_GRAPH, "l.json": LINKS, "tree.json": bundled("graphs/tree.json")},
+    ),
+    "ways": Reader(load_ways, {"g.graphml": graphml()}, {"g.json": PLAIN_GRAPH, "l.json": LINKS}),
+    "game": Reader(
+        load_game, documents={"game.json": json.loads((GAMES / "game.json").read_text())}
+    ),
+    "routes": Reader(
+        lambda path: load_routes(path, load_game(GAMES / "game.json")),
+        documents={"patrol.json": json.loads((GAMES / "patrol.json").read_text())},
     ),
     "land": Reader(
         read_land,
