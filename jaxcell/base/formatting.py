@@ -85,9 +85,9 @@ def percent(share: float) -> str:
     return "over 99.9 %" if text == "100" and hundredths < 100 else f"{text} %"
 
 
-def counted(number: int, noun: str) -> str:
-    """Format a number of things, as in `1 bump` and `2,000 bumps`."""
-    return f"{number:,} {noun}{'s' * (number != 1)}"
+def counted(number: float | int, noun: str) -> str:
+    """Format a number of things, as in `1 bump`, `2.5 bumps` and `2,000 bumps`."""
+    return f"{f'{number:,}'.removesuffix('.0')} {noun}{'s' * (number != 1)}"
 
 
 def in_time(hours: float) -> str:

@@ -7,6 +7,7 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
 
+from ..base.formatting import counted
 from ..base.quantities import Checks, Result, derived, from_part, quantity
 from ..space import CellSpace
 from ..walls import (
@@ -49,7 +50,7 @@ class Anywhere(Result):
     @property
     def answer(self) -> tuple[str, ...]:
         share, bumps = self.localized_share, self.median_bumps
-        when = f", in the median after {bumps:g} bumps" if np.isfinite(bumps) else ""
+        when = f", in the median after {counted(bumps, 'bump')}" if np.isfinite(bumps) else ""
         return (
             f"{100 * share:.3g} % of {self.robots:,} robots know where they are, to "
             f"{self.radius:.3g} m{when}; {100 * self.lost_share:.3g} % are lost.",
@@ -242,7 +243,7 @@ class HomeFromAnywhere(Anywhere):
     @property
     def answer(self) -> tuple[str, ...]:
         bumps = self.median_bumps_until_home
-        when = f", in the median after {bumps:g} bumps" if np.isfinite(bumps) else ""
+        when = f", in the median after {counted(bumps, 'bump')}" if np.isfinite(bumps) else ""
         home = f"{100 * self.arrived_share:.3g} % of the robots are at the goal and know it{when}."
         return home, *super().answer
 

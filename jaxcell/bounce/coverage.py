@@ -99,7 +99,7 @@ class CoveragePolicy(Result):
             return None
         return as_number(jnp.where(self.goal, self.mixture, 0.0).sum())
 
-    @derived("", "mean steps to the goal if each robot keeps its angle", "mappings", kind="time")
+    @derived("", "mean steps to the goal if each robot keeps its angle", "steps", kind="time")
     def goal_time(self) -> Real | None:
         """The mean over random starts and over angles, which have their shares of time."""
         if self.goal is None:
@@ -125,7 +125,7 @@ class CoveragePolicy(Result):
     def positions_alone(self) -> Int[np.ndarray, "angles"]:
         return (np.asarray(self.coverage) > 0).sum(axis=1)
 
-    @derived("bounce", "mean steps from a random start to the goal", "mappings", kind="time")
+    @derived("bounce", "mean steps from a random start to the goal", "steps", kind="time")
     def steps_to_goal(self) -> Float[np.ndarray, "angles"] | None:
         return np.array([one.value.mean() for one in self.arrival]) if self.arrival else None
 

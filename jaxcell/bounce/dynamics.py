@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float, Int, Real
 
 from ..base.certificate import Numbers
 from ..base.indices import as_array
+from ..base.limits import SAME_ANGLE
 from ..base.quantities import derived, quantity
 from ..base.shown import Shown
 from ..base.wide import traced
@@ -76,7 +77,8 @@ def bounce_shift(
 
     **Arguments:** angles in radians, counter-clockwise, and the number of directions in a full
     turn; `name` names the angles in errors. **Returns:** numbers from 0 to `directions - 1`.
-    **Raises:** `ValueError` for an angle that is not a whole number of directions. Under `jit` and
+    **Raises:** `ValueError` for an angle that is not a whole number of directions to 0.01 degree,
+    which is the rounding of `1.5708` and the like. Under `jit` and
     `vmap`, where angles have no values, it stands for the nearest whole number.
 
     Of eight directions, three make 135 degrees:
@@ -96,12 +98,13 @@ def bounce_shift(
     shift = angles * directions / (2 * math.pi)
     whole = np.round(shift)
     # Beyond 2^53 every float64 is whole.
-    wrong = ~((np.abs(shift - whole) < 1e-6) & (np.abs(shift) < 2**53))
+    apart = np.abs(shift - whole) * (2 * math.pi / directions)
+    wrong = ~((apart < SAME_ANGLE) & (np.abs(shift) < 2**53))
     if wrong.any():
-        degrees = np.rad2deg(angles[wrong].flat[0])
+        degrees, nearest = np.rad2deg(angles[wrong].flat[0]), whole[wrong].flat[0] / directions
         raise ValueError(
             f"{name}: {degrees:g} deg is not a whole number of the {directions} directions, "
-            f"which are {360 / directions:g} deg apart"
+            f"which are {360 / directions:g} deg apart; the nearest is {360 * nearest:g} deg"
         )
     return np.asarray(whole.astype(np.int64) % directions, np.int32)
 

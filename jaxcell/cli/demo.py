@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from .. import study
+from ..base.formatting import counted
 from ..base.results import result_folder
 from .output import write_text
 from .startup import starting
@@ -68,7 +69,7 @@ class Stop:
 def _home(result: Any) -> list[str]:
     return [
         f"{result.arrived_share:.0%} of {result.robots} robots find out where they are and come "
-        f"home, after {result.median_bumps_until_home:g} bumps in the median.",
+        f"home, after {counted(result.median_bumps_until_home, 'bump')} in the median.",
         f"The filter loses {result.lost_share:.0%} of them, although runs, turns and the first "
         "heading are uncertain.",
     ]
@@ -81,14 +82,14 @@ def _groups(result: Any) -> list[str]:
     return [
         f"All {cells:,} cells lead to {count} periodic groups, with periods of {short} to {long}.",
         f"The largest basin has {largest / cells:.0%} of the cells, and the longest transient "
-        f"takes {away} mappings.",
+        f"takes {counted(away, 'mapping')}.",
     ]
 
 
 def _localized(result: Any) -> list[str]:
     return [
-        f"From any of {result.cells.size} cells one is left after at most {result.worst_bumps} "
-        f"bumps, {result.mean_bumps:.1f} in the mean.",
+        f"From any of {result.cells.size} cells one is left after at most "
+        f"{counted(result.worst_bumps, 'bump')}, {result.mean_bumps:.1f} in the mean.",
         "No choice of angles does it in fewer."
         if result.optimal
         else f"None does it in fewer than {result.least:g}.",
@@ -98,8 +99,8 @@ def _localized(result: Any) -> list[str]:
 def _navigated(result: Any) -> list[str]:
     reach, cells = result.cells_that_reach_the_goal, result.cells.size
     return [
-        f"{result.steps} steps, {result.bumps} bumps, another angle than before at "
-        f"{result.changes} of them.",
+        f"{counted(result.steps, 'step')}, {counted(result.bumps, 'bump')}, another angle than "
+        f"before at {result.changes} of them.",
         f"The goal is reached from {reach:,} of {cells:,} cells; from the others no plan exists.",
     ]
 

@@ -69,6 +69,8 @@ def page(kind: Any, name: str) -> NoReturn:
     # tyro adds a word to each heading.
     line = "─" if "─" in options else " "
     options = re.sub(r"\?(\S*) options(\S*) ", rf"?\1\2 {line * 8}", options).rstrip("\n")
+    # tyro adds a space for a default to each text; if the text fills a row, it begins another.
+    options = re.sub(r"^(?:\x1b\[[\d;]*m| )*│(?:\x1b\[[\d;]*m| )*│.*\n", "", options, flags=re.M)
     print(*map(_filled, (usage, *about)), options, sep="\n\n")
     sys.exit(0)
 

@@ -5,6 +5,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
+from ..base.limits import SAME_ANGLE
 from ..space.strides import BEHIND, cell_strides as cell_strides
 from .create.motion import Moved
 
@@ -172,7 +173,7 @@ class Walker:
         if self._strides is not None:
             count = len(self._strides)
             shift = angle * count / (2 * math.pi)
-            if abs(shift - round(shift)) > 1e-6:
+            if abs(shift - round(shift)) * math.tau / count > SAME_ANGLE:
                 raise ValueError(
                     f"angle: {math.degrees(angle):g} deg is not a whole number of the {count} "
                     "directions"

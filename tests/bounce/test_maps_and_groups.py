@@ -150,7 +150,9 @@ def _of_angle(cells, angle, motion):
 
 def test_an_angle_is_a_whole_number_of_directions():
     np.testing.assert_array_equal(bounce_shift(np.deg2rad([45, 135, -45, 360]), 8), [1, 3, 7, 0])
-    message = "bounce: 50 deg is not a whole number of the 8 directions"
+    # Angles with the digits that people type are those that they mean.
+    np.testing.assert_array_equal(bounce_shift(np.array([1.5708, 0.7854, 3.1416]), 8), [2, 1, 4])
+    message = "bounce: 50 deg is not a whole number of the 8 directions, .* the nearest is 45 deg"
     with pytest.raises(ValueError, match=message):
         bounce_shift(np.deg2rad(50), 8)
     with pytest.raises(ValueError, match="bounce: nan deg"):

@@ -17,6 +17,8 @@ morse henon --depth 4
     The recurrent points whose orbits stay in the box are in \d Morse sets? with .* % of the box.
 patrol graph @eight --game --emphasis 2 5
     The best mixture .* pays the patroller 8, and .* alone 3.56; the adversary attacks vertex 5.
+patrol graph @eight --strategy toward --vertex 3
+    The walk takes 1.57 steps to vertex 3 in the mean.
 """
 ROWS = ANSWERS.strip().splitlines()
 PAIRS = [(line, answer.strip()) for line, answer in zip(ROWS[::2], ROWS[1::2], strict=True)]
@@ -36,8 +38,8 @@ def test_a_share_is_100_percent_only_if_nothing_is_missing():
 
 
 def test_one_thing_is_in_the_singular():
-    assert [counted(number, "bump") for number in (0, 1, 2000)] == [
-        *("0 bumps", "1 bump", "2,000 bumps")
+    assert [counted(number, "bump") for number in (0, 1, 1.0, 2.5, 2000)] == [
+        *("0 bumps", "1 bump", "1 bump", "2.5 bumps", "2,000 bumps")
     ]
 
 

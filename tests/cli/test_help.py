@@ -45,6 +45,12 @@ def test_the_first_panel_of_options_has_at_most_12(capsys, command):
     assert len(re.findall(r"^(?:│ |  )--\w", options, re.MULTILINE)) <= 12
 
 
+@pytest.mark.parametrize(("command", "columns"), [("drift", 80), ("export", 60), ("groups", 80)])
+def test_no_row_of_a_page_is_empty(monkeypatch, capsys, command, columns):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    assert not re.findall(r"^│ *│$", page(capsys, command, "--help"), re.MULTILINE)
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_an_option_has_at_most_two_conditions(command):
     for name, alternatives in conditions(COMMANDS[command]).items():

@@ -57,3 +57,4 @@ def test_wrong_settings_of_a_walker_are_refused():
         Walker(wheels, 1.0, strides=strides, direction=8)
     with pytest.raises(ValueError, match="30 deg is not a whole number of the 8 directions"):
         Walker(wheels, 1.0, strides=strides).rotate(math.radians(30))
+    Walker(wheels, 1.0, strides=strides).rotate(1.5708)

@@ -84,7 +84,7 @@ def test_cover_agrees_with_dense_linear_algebra():
     wanted = {"distance", "goal_share", "goal_time", *SLOPES}
     found = study.numbers({"reliability": reliability}, wanted.__contains__)
     assert found.keys() == wanted
-    assert found["d_goal_time_d_reliability"][0].units == "mappings"
+    assert found["d_goal_time_d_reliability"][0].units == "steps"
     cells = study.cells()
     x, y, _ = cells.centre(np.arange(cells.size))
     goal = np.hypot(x - 7.5, y - 1.5) <= 1

@@ -62,7 +62,7 @@ def _gathering(drift: Any) -> str:
     surface = drift.layers[0]
     share = surface.compared.replay.share(drift.asked_hours, surface.cells)
     where = f"After {in_time(drift.asked_hours)} of drifters released in all cells"
-    gone = f"{1 - share.sum():.0%} have left the map"
+    gone = f"{1 - share.sum():z.0%} have left the map"
     sets = drift.nearly_closed_sets
     if sets is None or not sets.layers[0].count:
         return f"{where} {share.sum():.0%} are on the map, and {gone}."
@@ -84,13 +84,13 @@ def _leaving(drift: Any) -> str:
     """Describe the shares that left the map of drifters that are released in all cells."""
     of, cells = drift.layers[0].compared, drift.layers[0].cells
     times = [
-        f"{1 - of.replay.share(hour, cells).sum():.0%} after {in_time(hour)}"
+        f"{1 - of.replay.share(hour, cells).sum():z.0%} after {in_time(hour)}"
         for hour in compared_hours(drift.asked_hours)
         if hour < of.hours[0] * (1 - _NEAR)
     ]
     pairs = zip(of.hours.tolist(), of.drifters_left, of.map_left, strict=True)
     times += [
-        f"{left:.0%} after {in_time(hour)} (by the map {map:.0%})" for hour, left, map in pairs
+        f"{left:z.0%} after {in_time(hour)} (by the map {map:.0%})" for hour, left, map in pairs
     ]
     return f"What leaves the map: {', '.join(times)}."
 

@@ -69,6 +69,8 @@ class GraphPatrol(Measures):
     names: Sequence[str]
     goal: Annotated[str | None, quantity("", "objective of the walk")] = None
     value: Annotated[float | None, quantity("", "value of the objective")] = None
+    toward: int | None = None
+    "The vertex to which the walk leads, or `None`."
     certificate: Certificate | None = None
     "The accuracy of the optimum, or `None` if the walk is not an optimum."
     local: bool = False
@@ -320,6 +322,9 @@ class GraphPatrol(Measures):
     @property
     def answer(self) -> tuple[str, ...]:
         lines = [] if self.game is None else list(self.game.answer)
+        if self.toward is not None and self.mean_time_to is not None:
+            steps, name = self.mean_time_to[self.toward], self.names[self.toward]
+            lines.append(f"The walk takes {steps:.3g} steps to vertex {name} in the mean.")
         if (least := self.least_capture) is not None:
             blind = self.least_blind_capture
             round = 0.0 if self.round is None else self.round.least_capture or 0.0
@@ -337,7 +342,8 @@ class GraphPatrol(Measures):
         if self.timed is not None:
             idle, unit = self.timed.worst_idleness, "s"
         if idle is not None and not np.isfinite(idle):
-            lines.append("In the long run the walk leaves out some vertices.")
+            missed = f"{np.count_nonzero(self.stationary <= 0):,} of {self.stationary.size:,}"
+            lines.append(f"In the long run the walk leaves out {missed} vertices.")
         elif idle is not None:
             lines.append(f"Every vertex is visited at least every {idle:.3g} {unit} in the mean.")
         return tuple(lines)

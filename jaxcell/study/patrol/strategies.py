@@ -19,6 +19,7 @@ class Walk:
     """The walks of robots that a strategy chose; the fields are those of `GraphPatrol`."""
 
     chain: Chain
+    toward: int | None = None
     team: Float[np.ndarray, "robots vertices vertices"] | None = None
     goal: str | None = None
     value: float | None = None
@@ -108,7 +109,7 @@ def _find_walk(
     """Find the walk of the strategy for a graph, or for a part of it."""
     if study.strategy == "toward":
         (vertex,) = study.vertices(names, "vertex", str(study.vertex))
-        return Walk(chain=patrol.toward(graph, vertex, study.paths))
+        return Walk(chain=patrol.toward(graph, vertex, study.paths), toward=vertex)
     if study.strategy == "commute":
         return _commute(study, graph, names)
     if study.strategy == "capture":
