@@ -12,7 +12,7 @@ from .study import Say, silent
 
 
 # Bytes per cell of the matrix of a flow and its factors.
-_BYTES_PER_CELL = 4000
+_BYTES_PER_CELL = 20_000
 _CONDITION = re.compile(r"\s*(.+?)\s*([<>])\s*(\S+)\s*")
 
 

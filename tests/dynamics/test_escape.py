@@ -61,6 +61,27 @@ def test_exit_of_an_ornstein_uhlenbeck_process(half, known):
     np.testing.assert_allclose(found.probability, 0.5)
 
 
+def test_brownian_motion_leaves_a_disc_by_its_harmonic_measure():
+    found = dynamics.escape(
+        dynamics.flow(lambda x, p: 0 * x, dt=0.1),
+        Box([-1.1, -1.1], [1.1, 1.1], [41, 40]),
+        noise=0.7,
+        start=[0.2, 0.3],
+        into={
+            "up": lambda x: (np.hypot(*x.T) >= 1) & (x[:, 1] > 0),
+            "down": lambda x: np.hypot(*x.T) >= 1,
+        },
+    )
+    assert found.end[:2] == ("up", "down")
+    radius = 0.2**2 + 0.3**2
+    up = 0.5 + np.arctan(2 * 0.3 / (1 - radius)) / np.pi
+    assert abs(found.probability[0] - up) < found.probability_error[0] < 0.03
+    time = (1 - radius) / (2 * 0.7**2)
+    assert abs(found.mean_time - time) < found.mean_time_error < 0.03 * time
+    # The first zero of Bessel's function determines the rate.
+    assert abs(found.rate - 0.7**2 * 2.404826**2 / 2) < found.rate_error
+
+
 WELLS = 40
 
 

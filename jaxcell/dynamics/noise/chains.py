@@ -60,7 +60,8 @@ def chain(
     be many times as large. On 37 random systems with known results, the maximum was 0.7 to 116
     times the largest error, and above it on 35. If it is too large, take more cells; cells should
     be smaller than the noise. The chain has no state between the ends of two mappings, so it does
-    not see that a process in continuous time is in a target there.
+    not see that a process in continuous time is in a target there:
+    [`jaxcell.dynamics.diffusion`][] does.
 
     **Arguments:**
 

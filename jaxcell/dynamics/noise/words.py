@@ -9,8 +9,9 @@ def answer_of(escape: Any) -> tuple[str, ...]:
     """Describe an [`Escape`][jaxcell.dynamics.Escape]."""
     early, middle, late = (_number(time) for time in escape.within)
     error = _number(escape.mean_time_error)
+    unit = "time units" if escape.continuous else "mappings"
     sentences = [
-        f"It stays {_about(escape.mean_time, escape.mean_time_error)} {_units(escape)} on average "
+        f"It stays {_about(escape.mean_time, escape.mean_time_error)} {unit} on average "
         f"(error {error}). 5 % of the runs leave before {early}, half before {middle}, and 5 % "
         f"stay longer than {late}."
     ]
@@ -21,13 +22,13 @@ def answer_of(escape: Any) -> tuple[str, ...]:
         sentences.append(f"It leaves to: {', '.join(shares)}.")
     if escape.elasticity is not None:
         order = np.argsort(-np.abs(escape.elasticity), kind="stable")
-        each = [_effect(escape.cause[k], escape.elasticity[k]) for k in order[:4]]
+        each = [
+            f"1 % more {escape.cause[k]}: {abs(escape.elasticity[k]):.2g} % "
+            f"{'more' if escape.elasticity[k] > 0 else 'less'} time"
+            for k in order[:4]
+        ]
         sentences.append(f"{'; '.join(each)}.")
     return tuple(sentences)
-
-
-def _units(escape: Any) -> str:
-    return "time units" if escape.continuous else "mappings"
 
 
 def _number(value: float) -> str:
@@ -40,8 +41,3 @@ def _about(value: float, error: float) -> str:
         return _number(value)
     digits = int(np.clip(np.ceil(np.log10(value / error)) + 1, 2, 6))
     return f"{value:.{digits}g}"
-
-
-def _effect(name: str, elasticity: float) -> str:
-    word = "more" if elasticity > 0 else "less"
-    return f"1 % more {name}: {abs(elasticity):.2g} % {word} time"
