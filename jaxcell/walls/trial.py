@@ -61,8 +61,8 @@ def drive_anywhere(
 ) -> Trial:
     """Drive robots from random places, and track each robot with a filter.
 
-    Robots start anywhere, or in the region `filter.start`. Each error of a robot has the size of its
-    bound, with a random sign.
+    Robots start anywhere, or in the region `filter.start`. Each error of a robot has the size of
+    its bound, with a random sign.
 
     **Arguments:**
 

@@ -5,6 +5,8 @@ import math
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
+import tyro
+
 from ... import bounce as bouncing, space, walls
 from ...base.doubts import warn
 from ...base.quantities import Result
@@ -30,7 +32,7 @@ class AnywhereStudy(RobotStudy):
 
     bounce: Angles
     """Bouncing angles in degrees, counter-clockwise; the robot chooses among several."""
-    from_: Pose | None = None
+    from_: Annotated[Pose | None, tyro.conf.arg(name="from")] = None
     """Region where all robots start, "x,y", "x,y,heading" or "x,y,heading,radius" in m and degrees,
     such as a dock; by default they start anywhere. Without a radius it is a point. An empty heading
     stands for all headings: "1,1,,0.1"."""
