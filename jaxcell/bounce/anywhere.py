@@ -52,9 +52,21 @@ class Anywhere(Result):
         share, bumps = self.localized_share, self.median_bumps
         when = f", in the median after {counted(bumps, 'bump')}" if np.isfinite(bumps) else ""
         return (
+            *self._worst,
             f"{100 * share:.3g} % of {self.robots:,} robots know where they are, to "
             f"{self.radius:.3g} m{when}; {100 * self.lost_share:.3g} % are lost.",
         )
+
+    @property
+    def _worst(self) -> tuple[str, ...]:
+        """A sentence with the largest radius of a set after some bumps from a start region."""
+        start, worst = self.filter.start, self.largest_extent
+        if start is None or worst is None:
+            return ()
+        bumps = sorted({*self.bump[:5].tolist(), int(self.bump[-1])})
+        known = ", ".join(f"{worst[bump - 1] / 2:.2g} m after {bump}" for bump in bumps)
+        x, y = start.place
+        return (f"From ({x:g} m, {y:g} m), each robot knows its place to within {known} bumps.",)
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -62,6 +74,8 @@ class Anywhere(Result):
         remarks = [f"{lost:,} of {self.robots:,} robots are lost: they left their sets."] * bool(
             lost
         )
+        if self.filter.start is not None:
+            return tuple(remarks)
         for (area, inside), symmetric in zip(self._pieces, self._symmetric, strict=True):
             among = inside[: self._unresolved.size]
             unresolved = among & self._unresolved
@@ -154,8 +168,8 @@ class Anywhere(Result):
     @derived(
         "", "robots that no sequence of a few turns localizes, even without errors", kind="share"
     )
-    def alike_share(self) -> float:
-        return float(self._unresolved.mean())
+    def alike_share(self) -> float | None:
+        return None if self.filter.start is not None else float(self._unresolved.mean())
 
     @derived("bump", "bumps", kind="coordinate")
     def bump(self) -> Int[np.ndarray, "bumps"]:
@@ -164,6 +178,10 @@ class Anywhere(Result):
     @derived("bump", "extent of the places that are possible, in the median", "m")
     def median_extent(self) -> Float[np.ndarray, "bumps"]:
         return np.median(self.extent, axis=0)
+
+    @derived("bump", "largest extent of the robots, from a start region", "m")
+    def largest_extent(self) -> Float[np.ndarray, "bumps"] | None:
+        return None if self.filter.start is None else self.extent.max(axis=0)
 
     @derived("bump", "extent that nine of ten robots do not exceed", "m")
     def extent_of_nine_tenths(self) -> Float[np.ndarray, "bumps"]:
@@ -245,6 +263,8 @@ class HomeFromAnywhere(Anywhere):
         bumps = self.median_bumps_until_home
         when = f", in the median after {counted(bumps, 'bump')}" if np.isfinite(bumps) else ""
         home = f"{100 * self.arrived_share:.3g} % of the robots are at the goal and know it{when}."
+        if self.filter.start is not None and self.arrived_share == 1:
+            home = f"{home[:-1]}, and at the latest after {self.bumps_until_home.max():g} bumps."
         return home, *super().answer
 
     @derived("", "robots that come to the goal and know it", kind="share")

@@ -86,9 +86,10 @@ def _filled(text: str) -> str:
 
 
 def option(kind: type, parameter: str) -> str:
-    """Return the name of a parameter on the command line."""
+    """Return the name of a parameter on the command line: that of `from_` is `--from`."""
     positional = is_positional(parameters(kind)[parameter])
-    return parameter.upper() if positional else f"--{parameter.replace('_', '-')}"
+    name = parameter.rstrip("_").replace("_", "-")
+    return parameter.upper() if positional else f"--{name}"
 
 
 def as_options(kind: type, text: str) -> str:

@@ -14,9 +14,14 @@ from .filter import (
 )
 from .homing import Homing as Homing
 from .sets import WallSet as WallSet, contains as contains
+from .start import StartRegion as StartRegion
 from .symmetry import (
     Alike as Alike,
     alike_places as alike_places,
     alike_poses as alike_poses,
 )
-from .trial import Trial as Trial, drive_anywhere as drive_anywhere
+from .trial import (
+    Trial as Trial,
+    draw_starts as draw_starts,
+    drive_anywhere as drive_anywhere,
+)

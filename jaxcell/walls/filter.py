@@ -15,7 +15,8 @@ from ..base.shown import Shown
 from ..space import Workspace
 from .boundary import Boundary, bump_gains
 from .chords import Chords
-from .sets import WallSet, arrivals, observe, turned
+from .sets import WallSet, arrivals, everywhere, observe, turned
+from .start import StartRegion
 
 
 # The default number of slices of headings.
@@ -109,6 +110,8 @@ class WallFilter(Shown):
     "True for each slice of headings that a robot may start with."
     step: float
     "The length of the steps that a robot counts, in metres; 0 if it measures its runs."
+    start: StartRegion | None = None
+    "The region where robots start; `None` for anywhere."
 
     @classmethod
     def of(
@@ -120,6 +123,7 @@ class WallFilter(Shown):
         errors: Errors | None = None,
         step: float = 0.0,
         turns: Sequence[float] = (),
+        start: StartRegion | None = None,
     ) -> "WallFilter":
         """Build the filter of a room.
 
@@ -135,6 +139,7 @@ class WallFilter(Shown):
             runs.
         - `turns`: angles by which the robots will turn, in radians. They are checked before the
             chords of the room are computed, which may take minutes.
+        - `start`: the region where robots start; by default they start anywhere.
 
         `headings` and `slices` must be even, `slices` must be at least 4 and a multiple of
         `headings`, and each angle must be a multiple of the width of a slice.
@@ -150,6 +155,8 @@ class WallFilter(Shown):
             slices = headings
         elif headings is not None and slices % headings:
             raise ValueError(f"slices: expected a multiple of {headings} headings, got {slices}")
+        if start is not None:
+            start.check(workspace)
         _in_slices(np.asarray(turns, float), slices, "" if known else "; set other `slices`")
         boundary = Boundary.of(workspace)
         walls = len(boundary.length)
@@ -170,7 +177,11 @@ class WallFilter(Shown):
             )
             reach = errors.heading / width
             first = (off + 1 >= -reach - 1e-9) & (off <= reach + 1e-9)
-        return cls(chords, errors, first, step)
+        if start is not None:
+            first &= start.faced(slices, chords.width, errors.heading)
+            if not first.any():
+                raise ValueError("start: expected one of the headings, or `headings` None")
+        return cls(chords, errors, first, step, start)
 
     @property
     def boundary(self) -> Boundary:
@@ -181,8 +192,8 @@ class WallFilter(Shown):
         """Update the sets with the length of the run of each robot to a wall, in metres.
 
         If robots count steps, a run may be up to one step longer than the counted steps. The state
-        `None` stands for robots that may be anywhere. The set of a robot is empty if its runs are
-        impossible from every place.
+        `None` stands for robots that have not driven yet. The set of a robot is empty if its runs
+        are impossible from every place.
         """
         least = np.atleast_1d(np.asarray(run, float))
         if not (np.isfinite(least) & (least >= 0)).all():
@@ -194,6 +205,10 @@ class WallFilter(Shown):
         low, high = self.errors.bounds(least, most)
         if state is not None:
             return observe(self.chords, state, low, high)
+        if self.start is not None:
+            copies = np.repeat(np.arange(low.size), self._departures.robot.size)
+            parts = [np.tile(part, low.size) for part in self._departures[1:]]
+            return self.start.reached(self.chords, WallSet(copies, *parts), low, high)
         level = np.floor(low * _LENGTHS / self.boundary.diameter).astype(int)
         longer = low > self.boundary.diameter + self.chords.reach.max()
         level = np.where(longer, _LENGTHS + 1, np.minimum(level, _LENGTHS))
@@ -248,9 +263,18 @@ class WallFilter(Shown):
     def _arrivals(self) -> dict[int, WallSet]:
         return {}
 
+    @functools.cached_property
+    def _departures(self) -> WallSet:
+        """The set of one robot after a run of any length from the region `start`."""
+        assert self.start is not None
+        places = everywhere(self.chords)
+        least, most = np.zeros(1), np.full(1, self.boundary.diameter + self.chords.reach.max())
+        return self.start.reached(self.chords, places.take(self.first[places.slice]), least, most)
+
     def _after_first_run(self, level: int) -> WallSet:
         if level not in self._arrivals:
-            places = arrivals(self.chords, level * self.boundary.diameter / _LENGTHS)
+            least = np.array([level * self.boundary.diameter / _LENGTHS])
+            places = arrivals(self.chords, everywhere(self.chords), least)
             possible = self.first[places.slice] & (level <= _LENGTHS)
             self._arrivals[level] = places.take(possible)
         return self._arrivals[level]

@@ -161,17 +161,23 @@ def turned(
     return state.take(copy)._replace(slice=after % slices).joined()
 
 
-def arrivals(chords: Chords, least: float) -> WallSet:
-    """Compute the set of one robot that started anywhere, after a run of at least `least` metres.
-
-    It has places from which a run the opposite way can be as long. `chords.slices` must be even.
-    """
+def everywhere(chords: Chords) -> WallSet:
+    """Return the set of one robot with all places on walls and all headings."""
     boundary = chords.boundary
     slice_, wall = np.indices((chords.slices, boundary.length.size)).reshape(2, -1)
     robot, begin = np.zeros(wall.size, int), np.zeros(wall.size)
-    everywhere = WallSet(robot, slice_, wall, begin, boundary.length[wall])
-    longest = np.array([boundary.diameter + chords.reach.max()])
-    robot, row, begin, end = _leaving(chords, everywhere, np.array([least]), longest)
+    return WallSet(robot, slice_, wall, begin, boundary.length[wall])
+
+
+def arrivals(chords: Chords, state: WallSet, least: Float[np.ndarray, "robots"]) -> WallSet:
+    """Reduce sets to the places to which a run of at least `least` metres can lead.
+
+    From such a place a run the opposite way can be as long. `chords.slices` must be even.
+    """
+    boundary = chords.boundary
+    back = state._replace(slice=(state.slice + chords.slices // 2) % chords.slices)
+    longest = np.full(least.size, boundary.diameter + chords.reach.max())
+    robot, row, begin, end = _leaving(chords, back, least, longest)
     wall, hit = chords.wall[row], chords.hit[row]
     starts = [boundary.point(wall, arc) for arc in (begin, end)]
     corners = boundary.begin[hit], boundary.begin[boundary.following[hit]]
@@ -181,7 +187,7 @@ def arrivals(chords: Chords, least: float) -> WallSet:
     heading = (chords.slice[row] + chords.slices // 2) % chords.slices
     # A robot that meets a wall comes from its free side.
     reached = WallSet(robot, heading, wall, begin, end)
-    reached = reached.take((hit != wall) & (run + chords.reach[row] >= least))
+    reached = reached.take((hit != wall) & (run + chords.reach[row] >= least[robot]))
     return _with_corners(boundary, reached).joined()
 
 

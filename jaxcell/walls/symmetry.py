@@ -15,7 +15,7 @@ from ..base.shown import Shown
 from ..space import Workspace
 from .boundary import Boundary, run_to_wall
 from .chords import Chords
-from .sets import WallSet, arrivals, overlapping
+from .sets import WallSet, arrivals, everywhere, overlapping
 
 
 # The largest order of the rotations that are tried if the heading is not known.
@@ -139,7 +139,8 @@ def alike_poses(
 
     chords = Chords.of(boundary, slices, known=True)
     equal = _EQUAL * boundary.tolerance
-    starts = [arrivals(chords, run - equal) for run in first.length[0].tolist()]
+    least = first.length[0][:, None] - equal
+    starts = [arrivals(chords, everywhere(chords), run) for run in least]
     starts = [start.take(start.slice % (slices // headings) == 0) for start in starts]
     robot = np.repeat(robots, [start.wall.size for start in starts])
     poses = WallSet(robot, *map(np.concatenate, zip(*(start[1:] for start in starts), strict=True)))

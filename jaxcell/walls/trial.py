@@ -13,6 +13,7 @@ from .choice import Aim, choose_angles
 from .filter import WallFilter
 from .homing import Homing
 from .sets import WallSet, contains
+from .start import StartRegion
 
 
 # The largest number of robots that are followed together, and of the stretches of their sets.
@@ -60,7 +61,8 @@ def drive_anywhere(
 ) -> Trial:
     """Drive robots from random places, and track each robot with a filter.
 
-    Each error of a robot has the size of its bound, with a random sign.
+    Robots start anywhere, or in the region `filter.start`. Each error of a robot has the size of
+    its bound, with a random sign.
 
     **Arguments:**
 
@@ -74,7 +76,7 @@ def drive_anywhere(
     - `say`: a function that is called with the progress: the work, the robots done, and all robots.
     """
     rng = np.random.default_rng(seed)
-    place, heading = _draw_starts(workspace, robots, headings, rng)
+    place, heading = draw_starts(workspace, filter.start, robots, headings, rng)
     if start is not None:
         place[0], heading[0] = start[:2], start[2]
 
@@ -95,11 +97,22 @@ def drive_anywhere(
     return Trial(place, sets, *arrays)
 
 
-def _draw_starts(
-    workspace: Workspace, robots: int, headings: int | None, rng: np.random.Generator
+def draw_starts(
+    workspace: Workspace,
+    region: StartRegion | None,
+    robots: int,
+    headings: int | None,
+    rng: np.random.Generator,
 ) -> tuple[Float[np.ndarray, "robots 2"], Float[np.ndarray, "robots"]]:
-    """Draw the places of robots in metres, and their headings in radians."""
-    place = places_anywhere(workspace, robots, rng)
+    """Draw the places of robots in metres, and their headings in radians.
+
+    Robots start in a region, or anywhere if it is `None`, with one of `headings` equally spaced
+    headings, or with any heading if this is `None`.
+    """
+    draw = places_anywhere if region is None else region.draw
+    place = draw(workspace, robots, rng)
+    if region is not None and region.heading is not None:
+        return place, np.full(robots, region.heading)
     if headings is None:
         return place, rng.uniform(0, 2 * np.pi, robots)
     return place, rng.integers(headings, size=robots) * 2 * np.pi / headings

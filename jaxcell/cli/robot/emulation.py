@@ -14,10 +14,10 @@ from ...robot.tasks.files import AnyTask, PlanTask
 from ...robot.tasks.patrol_task import PatrolTask
 from ...robot.team import MemberTask
 from ...space import CellSpace, Workspace, nearest_cell, visible_cells
-from ...study.bounce.anywhere import pose_at
+from ...study.bounce.anywhere import check_start, pose_at
 from ...study.errors import read_errors
 from ...study.map_study import cell_at
-from ...walls import places_anywhere
+from ...walls import draw_starts
 from ..terminal import note
 from .options import RunOptions, direction_at
 
@@ -111,11 +111,11 @@ def _start_pose(
 ) -> tuple[float, float, float]:
     """Return the pose `start` or, without it, a random pose with a heading that the task allows."""
     if start is not None:
-        return pose_at(workspace, start, "--start", task.headings)
-    x, y = places_anywhere(workspace, 1, rng)[0].tolist()
-    if task.headings is None:
-        return x, y, float(rng.uniform(0, math.tau))
-    return x, y, int(rng.integers(task.headings)) * math.tau / task.headings
+        pose = pose_at(workspace, start, "--start", task.headings)
+        check_start(task.start, pose, f"--start {start}")
+        return pose
+    place, heading = draw_starts(workspace, task.start, 1, task.headings, rng)
+    return *place[0].tolist(), float(heading[0])
 
 
 def _physical(

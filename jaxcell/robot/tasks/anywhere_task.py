@@ -7,7 +7,7 @@ from typing import Any
 
 from ...base.documents import Fields, refused
 from ...space import Workspace
-from ...walls import Aim, Errors, Homing, WallFilter
+from ...walls import Aim, Errors, Homing, StartRegion, WallFilter
 from ..anywhere import AnywhereSettings
 from .task import Task, angles, common_fields, write_task
 
@@ -19,6 +19,8 @@ class AnywhereTask(Task):
     kind = "anywhere"
     headings: int | None
     "The number of equally spaced headings that are possible at the start; `None` for any heading."
+    start: StartRegion | None
+    "The region where the robot starts; `None` for anywhere."
     build: Callable[[], AnywhereSettings]
     "A function that builds the settings; the call may take seconds."
 
@@ -40,6 +42,7 @@ def save_anywhere(path: str | os.PathLike[str], workspace: Workspace, **fields: 
     arguments `headings`, `slices`, `errors` and `step` of `WallFilter.of`. `known_m`, `aim` and
     `ahead` are for the fields `radius`, `aim` and `ahead` of [`AnywhereSettings`][]. `goal_m` and
     `goal_radius_m` are the centre and radius of a goal; without a goal the robot localizes itself.
+    `from` (as a dictionary) is the region where the robot starts; without it, it starts anywhere.
     """
     write_task(
         path,
@@ -70,6 +73,9 @@ def read_anywhere(path: Path, values: dict[str, Any]) -> AnywhereTask:
         if not isinstance(errors, dict):
             raise refused("errors", "an object of bounds", errors)
         bounds = Errors(**{name: float(value) for name, value in errors.items()})
+        start = None if (region := fields.get("from")) is None else _region(region)
+        if start is not None:
+            start.check(workspace)
     except (ValueError, TypeError) as error:
         raise ValueError(f"{path}: {error}") from None
     radius = fields.number("known_m", 0.0)
@@ -78,9 +84,22 @@ def read_anywhere(path: Path, values: dict[str, Any]) -> AnywhereTask:
 
     def build() -> AnywhereSettings:
         filter = WallFilter.of(
-            workspace, headings=headings, slices=slices, errors=bounds, step=counted
+            workspace,
+            headings=headings,
+            slices=slices,
+            errors=bounds,
+            step=counted,
+            start=start,
         )
         homing = None if goal is None else Homing(filter, *goal, bounces)
         return AnywhereSettings(filter, bounces, radius, homing, aim, ahead)
 
-    return AnywhereTask(**common, headings=headings, build=build)
+    return AnywhereTask(**common, headings=headings, start=start, build=build)
+
+
+def _region(value: Any) -> StartRegion:
+    if not isinstance(value, dict) or not {"place", "heading", "radius"} == value.keys():
+        raise refused("from", "an object with `place`, `heading` and `radius`", value)
+    (x, y), heading = value["place"], value["heading"]
+    place = float(x), float(y)
+    return StartRegion(place, None if heading is None else float(heading), float(value["radius"]))

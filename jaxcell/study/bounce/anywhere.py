@@ -5,13 +5,15 @@ import math
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
+import tyro
+
 from ... import bounce as bouncing, space, walls
 from ...base.doubts import warn
 from ...base.quantities import Result
 from ..errors import ErrorTexts, read_errors
 from ..map_study import DIRECTION_DEG, RobotStudy, disc_at
 from ..parameters import Angles, AtLeastOne, Count, Headings, Length, Limit, Only, Pose
-from ..study import Say, numbers, radians, silent
+from ..study import Say, about, numbers, radians, silent
 
 
 # The number of starts whose plans of cells are compared.
@@ -30,6 +32,10 @@ class AnywhereStudy(RobotStudy):
 
     bounce: Angles
     """Bouncing angles in degrees, counter-clockwise; the robot chooses among several."""
+    from_: Annotated[Pose | None, tyro.conf.arg(name="from")] = None
+    """Region where all robots start, "x,y", "x,y,heading" or "x,y,heading,radius" in m and degrees,
+    such as a dock; by default they start anywhere. Without a radius it is a point. An empty heading
+    stands for all headings: "1,1,,0.1"."""
     start: Pose | None = None
     """Start of the first robot, "x,y,heading" in m and degrees; the others start at random, and by
     default the first, too."""
@@ -82,7 +88,13 @@ class AnywhereStudy(RobotStudy):
             errors=self.bounds(),
             step=0.0 if self.measured else step,
             turns=turns,
+            start=self._region(cells),
         )
+
+    def _region(self, cells: Any) -> "walls.StartRegion | None":
+        if self.from_ is None:
+            return None
+        return region_of(cells.workspace, self.from_, self._known_headings(cells))
 
     @property
     def choice(self) -> dict[str, Any]:
@@ -111,6 +123,8 @@ class AnywhereStudy(RobotStudy):
             "known_m": result.radius,
             **self.choice,
         }
+        if filter.start is not None:
+            about["from"] = dataclasses.asdict(filter.start)
         if isinstance(result, bouncing.HomeFromAnywhere):
             about |= {"goal_m": result.homing.goal, "goal_radius_m": result.homing.radius}
         assert cells.workspace is not None
@@ -133,6 +147,7 @@ class AnywhereStudy(RobotStudy):
         first = None
         if self.start is not None:
             first = pose_at(workspace, self.start, "start", headings)
+            check_start(self._region(cells), first, f"start {self.start!r}")
         say("finding the chords of the room")
         angles = radians(self.bounce)
         filter = self.filter(cells, angles.tolist())
@@ -216,20 +231,56 @@ def pose_at(
     The pose must be in the free space, and its heading must be one of `headings` equally spaced
     headings, unless any heading is possible (`None`).
     """
-    import shapely
-
     x, y, heading = numbers(
         parameter, text, ("m", "m", "deg"), '"x,y,heading" in metres and degrees'
     )
-    if not workspace.free_space.covers(shapely.Point(x, y)):
-        raise ValueError(f"{parameter} {text!r}: ({x:g} m, {y:g} m) is not in the free space")
+    with about(f"{parameter} {text!r}"):
+        walls.StartRegion((x, y)).check(workspace)
+    return x, y, _direction(text, parameter, heading, headings)
+
+
+def region_of(workspace: "space.Workspace", text: Any, headings: int | None) -> "walls.StartRegion":
+    """Parse the region "x,y[,heading[,radius]]" of `from`, and raise if no robot can start there.
+
+    The heading may be empty, for all headings. Its condition is that of `pose_at`.
+    """
+    parts = text.split(",") if isinstance(text, str) else list(map(str, text))
+    any_heading = len(parts) > 2 and not parts[2].strip()
+    if any_heading:
+        parts[2] = "0"
+    units = ("m", "m", "deg", "m")[: max(2, len(parts))]
+    expected = '"x,y", "x,y,heading" or "x,y,heading,radius" in metres and degrees'
+    x, y, *rest = numbers("from", ",".join(parts), units, expected)
+    any_heading |= not rest
+    heading = None if any_heading else _direction(text, "from", rest[0], headings)
+    region = walls.StartRegion((x, y), heading, *rest[1:])
+    with about(f"from {text!r}"):
+        region.check(workspace)
+    return region
+
+
+def check_start(
+    region: "walls.StartRegion | None", pose: tuple[float, float, float], parameter: str
+) -> None:
+    """Raise if the region where all robots start does not contain the pose of a parameter."""
+    if region is None:
+        return
+    if math.dist(region.place, pose[:2]) > region.radius + 1e-9 or (
+        region.heading is not None
+        and abs(math.remainder(region.heading - pose[2], math.tau)) > math.radians(DIRECTION_DEG)
+    ):
+        raise ValueError(f"{parameter}: the pose is not in the region `from`")
+
+
+def _direction(text: Any, parameter: str, heading: float, headings: int | None) -> float:
+    """Return a heading in degrees in radians, and raise if it is not one of `headings`."""
     width = 360 / (headings or math.inf)
     if headings is not None and abs(math.remainder(heading, width)) > DIRECTION_DEG:
         raise ValueError(
             f"{parameter} {text!r}: the robot knows that its heading is a multiple of {width:g} "
             f"degrees, got {heading:g}; expected such a heading, or a robot with an unknown heading"
         )
-    return x, y, math.radians(heading)
+    return math.radians(heading if headings is None else round(heading / width) * width)
 
 
 def _planned(
