@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 from .. import markov
 from ..base.quantities import Result, derived
 from ..mapping import Chain, ChainSequence
+from ..mapping.sequence import push_on_host
 from ..markov import NearlyClosedSets
 from .advection import longest_step
 from .drift_step import METHODS
@@ -180,6 +181,8 @@ class ClosedSets(Result):
     "The cells of each layer."
     layers: tuple[NearlyClosedSets, ...]
     "The sets of each layer."
+    ended: tuple[Float[np.ndarray, "_cells"], ...]
+    "For each layer, the share in each cell after the window of drifters released uniformly."
     duration: float | int
     "Seconds per step."
 
@@ -197,7 +200,12 @@ class ClosedSets(Result):
             nearly_closed_sets(water, chain, duration, count, hours=hours)
             for water, chain in zip(waters, chains, strict=True)
         ]
-        return cls(tuple(waters), tuple(sets), duration)
+        areas = [water.sides.prod(axis=0) for water in waters]
+        ended = [
+            push_on_host(chain, area / area.sum(), found.steps)
+            for chain, area, found in zip(chains, areas, sets, strict=True)
+        ]
+        return cls(tuple(waters), tuple(sets), tuple(ended), duration)
 
     @derived("", "window in which they leak", "h", kind="time")
     def window_hours(self) -> float:
@@ -219,13 +227,28 @@ class ClosedSets(Result):
     def leakage(self) -> Float[np.ndarray, "sets"]:
         return np.concatenate([s.leakage for s in self.layers])
 
-    @derived("closed_set", "longitude", "degrees_east", standard_name="longitude")
+    @derived(
+        "closed_set",
+        "mean longitude of the drifters in it after the window",
+        "degrees_east",
+        standard_name="longitude",
+    )
     def lon(self) -> Float[np.ndarray, "sets"]:
-        return np.concatenate([w.lon[w.row, w.column][_middles(w, s)] for w, s in self._pairs])
+        return self._centres[:, 0]
 
-    @derived("closed_set", "latitude", "degrees_north", standard_name="latitude")
+    @derived("closed_set", "mean latitude", "degrees_north", standard_name="latitude")
     def lat(self) -> Float[np.ndarray, "sets"]:
-        return np.concatenate([w.lat[w.row, w.column][_middles(w, s)] for w, s in self._pairs])
+        return self._centres[:, 1]
+
+    @functools.cached_property
+    def _centres(self) -> Float[np.ndarray, "sets 2"]:
+        """The mean longitude and latitude of the drifters in each set after the window."""
+        centres = [
+            water.centre(np.where(found.begin == number, ended, 0.0))
+            for (water, found), ended in zip(self._pairs, self.ended, strict=True)
+            for number in range(found.count)
+        ]
+        return np.reshape(np.array(centres, float), (-1, 2))
 
     @derived("layer y x", "nearly closed set, -1 for none", kind="index", padding="-2: no water")
     def number(self) -> Int[np.ndarray, "layers rows columns"]:
@@ -248,14 +271,3 @@ class ClosedSets(Result):
     @property
     def _pairs(self) -> list[tuple[Water, NearlyClosedSets]]:
         return list(zip(self.waters, self.layers, strict=True))
-
-
-def _middles(water: Water, sets: NearlyClosedSets) -> Int[np.ndarray, "sets"]:
-    """Find the cell of each set that is nearest to the mean row and column of the set."""
-    nearest = []
-    for number in range(sets.count):
-        cells = np.flatnonzero(sets.begin == number)
-        place = np.stack([water.row[cells], water.column[cells]])
-        away = np.hypot(*(place - place.mean(axis=1, keepdims=True)))
-        nearest.append(cells[away.argmin()])
-    return np.array(nearest, int)

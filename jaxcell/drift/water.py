@@ -199,6 +199,14 @@ class Water(Shown):
             )
         return int(self.number[row, column])
 
+    def centre(self, weight: Float[np.ndarray, "cells"]) -> tuple[float, float]:
+        """Compute the longitude and latitude of the mean of the cells on the sphere, in degrees.
+
+        `weight` has the weight of each cell, such as its share of the drifters.
+        """
+        x, y, z = on_sphere(*(on[self.row, self.column] for on in (self.lon, self.lat))) @ weight
+        return float(np.degrees(np.arctan2(y, x))), float(np.degrees(np.arctan2(z, np.hypot(x, y))))
+
     def on_grid(self, values: np.ndarray, fill: float | int = np.nan) -> np.ndarray:
         """Arrange values of the cells on the grid; squares without water get `fill`."""
         grid = np.full(self.number.shape, fill, np.result_type(values, type(fill)))

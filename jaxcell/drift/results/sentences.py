@@ -22,7 +22,7 @@ _MAX_REMARKS = 4
 
 def answer(drift: Any) -> tuple[str, ...]:
     """Summarize the first layer of a [`SeaDrift`][jaxcell.drift.SeaDrift] in a few lines."""
-    lines = [_beyond(drift), _whole_steps(drift)]
+    lines = [_dropped(drift), _beyond(drift), _whole_steps(drift)]
     lines += [_gathering(drift), _leaving(drift), _certainty(drift)]
     lines += [_diffusion(drift), _forever(drift), _reach(drift)]
     return tuple(line for line in lines if line is not None)
@@ -57,6 +57,26 @@ def _whole_steps(drift: Any) -> str | None:
     )
 
 
+def _dropped(drift: Any) -> str | None:
+    """Describe where drifters from the start are at `asked_hours`; `None` without a start."""
+    if drift.start is None:
+        return None
+    surface, sets = drift.layers[0], drift.nearly_closed_sets
+    share = surface.by_release.replay.share(drift.asked_hours, surface.cells)
+    label = np.full(surface.cells, -1) if sets is None else sets.labels[0]
+    parts = []
+    for number in np.unique(label).tolist():
+        within = np.where(label == number, share, 0.0)
+        if (held := within.sum()) >= _NAMED_SHARE:
+            kind = f" in set {sets.rank[number]}" if number >= 0 else ""
+            parts.append(
+                (held, f"{held:.0%} are{kind} around {_place(*surface.water.centre(within))}")
+            )
+    listed = "; ".join([text for _, text in sorted(parts, reverse=True)] or ["none is on the map"])
+    gone = f"{1 - share.sum():.0%} have left the map"
+    return f"Dropped at the start, after {in_time(drift.asked_hours)} {listed}; {gone}."
+
+
 def _gathering(drift: Any) -> str:
     """Describe the shares of drifters in nearly closed sets and off the map at `asked_hours`."""
     surface = drift.layers[0]
@@ -69,8 +89,10 @@ def _gathering(drift: Any) -> str:
     label, parts = sets.labels[0], []
     shown, window = min(sets.layers[0].count, _NAMED), in_time(sets.window_hours)
     for number in range(shown):
-        place = _place(float(sets.lon[number]), float(sets.lat[number]))
-        held = float(share[label == number].sum())
+        within = np.where(label == number, share, 0.0)
+        held = float(within.sum())
+        at = surface.water.centre(within) if held else (sets.lon[number], sets.lat[number])
+        place = _place(*at)
         parts.append(
             f"{held:.0%} in set {sets.rank[number]} around {place} (of its own drifters "
             f"{sets.leakage[number]:.1%} are outside it after {window})"

@@ -31,6 +31,8 @@ class ReleaseDistance(Pictured):
     "The share of the drifters for which the map predicts a wrong cell, from 0 to 1."
     noise: Float[np.ndarray, "releases times"]
     "The total variation that this number of drifters would give even if the map were exact."
+    replay: Replay
+    "The simulated drifters."
 
 
 def release_distance(
@@ -87,7 +89,7 @@ def release_distance(
         for time, hour in enumerate(at.tolist()):
             one = replay.variation(hour, mapped[time][:, number], among)
             variation[number, time], noise[number, time] = one
-    return ReleaseDistance(cells, at, variation, noise)
+    return ReleaseDistance(cells, at, variation, noise, replay)
 
 
 def typical_cells(water: Water) -> Int[np.ndarray, "releases"]:

@@ -108,6 +108,24 @@ def test_the_answer_says_where_drifters_go_and_how_sure_that_is():
     assert drops.endswith("100% of the cells.")
 
 
+def test_a_set_is_named_by_the_place_where_its_drifters_are():
+    """In u = -k (x - a) each drifter comes to a, away from the middle of the sea.
+
+    The closed form is x(t) = a + (x(0) - a) exp(-k t), which is within 90 m after three days.
+    """
+    column, row = np.meshgrid(np.arange(30), np.arange(20))
+    east, north = (-2e-5 * 1000 * away for away in (column - 24.0, row - 4.0))
+    found = answer_of(sea(east, north), 4 * 3600.0, until=3 * DAY, start=45)
+    found = found.with_closed_sets(1)
+    lon, lat = -118 + 24 * 0.0107, 33 + 4 * 0.009
+    place = f"around {lat:.2f}° N {-lon:.2f}° W"
+    dropped, _, gathering = found.answer[:3]
+    assert dropped.startswith(f"Dropped at the start, after 3 days 100% are in set 0 {place}; 0%")
+    assert f"100% in set 0 {place} (" in gathering
+    sets = found.nearly_closed_sets
+    np.testing.assert_allclose((sets.lon[0], sets.lat[0]), (lon, lat), atol=1e-3)
+
+
 def test_nothing_about_the_long_run_is_said_without_that():
     described = quantities(drift.SeaDrift)
     for name in ("mean_leaving", "median_hours", "reached_cells", "sensitivity_median_hours"):
