@@ -1,6 +1,8 @@
 """Format values of quantities as text for people."""
 
+import difflib
 import math
+from collections.abc import Iterable
 from typing import Any
 
 from .quantity import PADDING, Quantity
@@ -83,6 +85,12 @@ def percent(share: float) -> str:
     hundredths = round(100 * share, 9)
     text = f"{hundredths:z.3g}"
     return "over 99.9 %" if text == "100" and hundredths < 100 else f"{text} %"
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Return the end of an error that names the known word most similar to `word`, if any."""
+    near = difflib.get_close_matches(word, [*known], 1)
+    return f"; did you mean {near[0]}?" if near else ""
 
 
 def counted(number: float | int, noun: str) -> str:

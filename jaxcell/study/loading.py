@@ -31,7 +31,10 @@ def load_object(reference: str) -> Any:
     try:
         return getattr(load_module(module), name)
     except (ImportError, AttributeError, ValueError, SyntaxError) as error:
-        raise ValueError(f"{reference}: {error}") from None
+        # The error of a missing name has the module.
+        names = [one for one in vars(getattr(error, "obj", error)) if not one.startswith("_")]
+        there = f"; it has {', '.join(names)}" if isinstance(error, AttributeError) else ""
+        raise ValueError(f"{reference}: {error}{there}") from None
 
 
 def load_study(reference: str) -> type[Study]:
