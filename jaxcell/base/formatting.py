@@ -95,7 +95,7 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 def counted(number: float | int, noun: str) -> str:
     """Format a number of things, as in `1 bump`, `2.5 bumps` and `2,000 bumps`."""
-    return f"{f'{number:,}'.removesuffix('.0')} {noun}{'s' * (number != 1)}"
+    return f"{f'{number:,}'.removesuffix('.0')} {noun}{'s' if number != 1 else ''}"
 
 
 def in_time(hours: float) -> str:

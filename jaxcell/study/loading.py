@@ -31,9 +31,10 @@ def load_object(reference: str) -> Any:
     try:
         return getattr(load_module(module), name)
     except (ImportError, AttributeError, ValueError, SyntaxError) as error:
-        # The error of a missing name has the module.
-        names = [one for one in vars(getattr(error, "obj", error)) if not one.startswith("_")]
-        there = f"; it has {', '.join(names)}" if isinstance(error, AttributeError) else ""
+        lacks = getattr(error, "obj", None)
+        names = vars(lacks) if isinstance(lacks, ModuleType) else ()
+        there = ", ".join(one for one in names if not one.startswith("_"))
+        there = f"; it has {there}" if there else ""
         raise ValueError(f"{reference}: {error}{there}") from None
 
 
