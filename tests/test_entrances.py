@@ -103,7 +103,7 @@ def test_a_program_without_checks_of_types():
     """
     ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert ran.stdout == "[2]\n"
-    assert "file: expected a file, a list of files or an xarray.Dataset, got ndarray" in ran.stderr
+    assert "file: expected files or an xarray.Dataset, got ndarray" in ran.stderr
 
 
 def test_lists_are_arrays():
@@ -179,5 +179,7 @@ def test_a_networkx_graph_is_patrolled():
     star = nx.star_graph(3)
     result = study.PatrolGraph(file=nx.relabel_nodes(star, {0: "hall"})).run()
     assert result.names[0] == "hall"
+    with pytest.raises(ValueError, match="a Polygon is a room, not a graph; use study"):
+        study.PatrolGraph(shapely.box(0, 0, 2, 2)).run()
     # Half of all steps end in the hall of a star.
     assert result.shares[0][0] == pytest.approx(0.5)

@@ -149,7 +149,7 @@ def test_modules_of_functions_list_only_these(package):
 
 def test_a_plan_names_its_ends_and_its_length():
     plan = bounce.plan(examples.corridor(), [math.pi], 0, 4)
-    assert repr(plan).startswith("<Plan: 3 steps and 1 bumps, turns by 180°, lead from 0.5 m")
+    assert repr(plan).startswith("<Plan: 3 steps and 1 bump, turns by 180°, lead from 0.5 m")
     assert "(cell 0) to 1.5 m, 0.5 m, heading 180° (cell 4)" in repr(plan)
 
 

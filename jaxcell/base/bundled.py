@@ -1,10 +1,11 @@
 """Bundled data: maps, graphs, a small file of ocean currents, and specifications of sweeps."""
 
-import difflib
 import functools
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
+
+from .formatting import did_you_mean
 
 
 # The suffixes of the files with names, by folder.
@@ -32,10 +33,9 @@ def bundled(name: str) -> Path:
         return path
     if (path := _folder() / name).is_file():
         return path
-    near = difflib.get_close_matches(name.removeprefix("@").lower(), names, 1)
-    at = "@" * name.startswith("@")
-    meant = f"did you mean {at}{near[0]}?" if near else "`jaxcell maps` lists their names"
-    raise FileNotFoundError(f"{name}: not among the bundled data of jaxcell; {meant}")
+    known = [f"@{one}" for one in names] if name.startswith("@") else names
+    meant = did_you_mean(name.lower(), known) or "; `jaxcell maps` lists their names"
+    raise FileNotFoundError(f"{name}: not among the bundled data of jaxcell{meant}")
 
 
 @functools.cache

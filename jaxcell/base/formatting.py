@@ -1,6 +1,8 @@
 """Format values of quantities as text for people."""
 
+import difflib
 import math
+from collections.abc import Iterable
 from typing import Any
 
 from .quantity import PADDING, Quantity
@@ -85,9 +87,15 @@ def percent(share: float) -> str:
     return "over 99.9 %" if text == "100" and hundredths < 100 else f"{text} %"
 
 
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Return the end of an error that names the known word most similar to `word`, if any."""
+    near = difflib.get_close_matches(word, [*known], 1)
+    return f"; did you mean {near[0]}?" if near else ""
+
+
 def counted(number: float | int, noun: str) -> str:
     """Format a number of things, as in `1 bump`, `2.5 bumps` and `2,000 bumps`."""
-    return f"{f'{number:,}'.removesuffix('.0')} {noun}{'s' * (number != 1)}"
+    return f"{f'{number:,}'.removesuffix('.0')} {noun}{'s' if number != 1 else ''}"
 
 
 def in_time(hours: float) -> str:

@@ -1,6 +1,5 @@
 """Largest sizes, and names of options, that several packages share."""
 
-import math
 from typing import Literal, TypeAlias
 
 
@@ -9,9 +8,6 @@ MAX_VERTICES = 2_000
 
 MAX_CELLS = 5_000
 "Largest number of cells of a patrolled map; a first-order solver is used above `MAX_VERTICES`."
-
-SAME_ANGLE = math.radians(0.01)
-"Angles that differ by less, such as 1.5708 and a right angle, are one number of directions."
 
 Collision: TypeAlias = Literal["swept", "endpoint"]
 "Name of a rule by which walls block a step; see `jaxcell.space.Motion`."

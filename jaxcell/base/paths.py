@@ -38,18 +38,13 @@ def existing(path: str | os.PathLike[str]) -> list[str]:
 
 def absent(path: str | os.PathLike[str]) -> FileNotFoundError:
     """Return the error for a missing file, with the name of a similar file or of bundled data."""
-    path = Path(path)
-    known, folder = bundled_names(), path.parent
-    if path.stem in known:
-        near = [f"@{path.stem}"]
-    else:
-        beside: list[str] = []
-        with contextlib.suppress(OSError):
-            beside += os.listdir(folder)
-        near = [str(folder / name) for name in difflib.get_close_matches(path.name, beside, 1)]
-        if not path.suffix:
-            near += [f"@{name}" for name in difflib.get_close_matches(path.stem, known, 1, 0.75)]
-    meant = f"; did you mean {near[0]}?" if near else ""
+    path, known, beside = Path(path), bundled_names(), [""]
+    with contextlib.suppress(OSError):
+        beside = os.listdir(path.parent)
+    stems = {Path(name).stem: str(path.parent / name) for name in beside}
+    stems |= {name: f"@{name}" for name in known if not path.suffix or name == path.stem}
+    near = difflib.get_close_matches(path.stem, stems, 1, 0.75)
+    meant = f"; did you mean {stems[near[0]]}?" if near else ""
     return FileNotFoundError(f"{os.fspath(path)}: there is no such file{meant}")
 
 

@@ -18,6 +18,8 @@ EXPECTED = {
 }
 """Examples of numbers with each unit of a parameter, for errors."""
 
+SAME_ANGLE = math.radians(0.01)
+"""Angles that differ by less, such as 1.5708 and a right angle, are one number of directions."""
 # The size of each unit that may be written. Fractions are exact: 20mm is the float64 nearest to
 # 0.02.
 _CENT, _DAY = Fraction(1, 100), 86_400

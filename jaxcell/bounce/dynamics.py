@@ -12,9 +12,9 @@ from jaxtyping import Array, Bool, Float, Int, Real
 
 from ..base.certificate import Numbers
 from ..base.indices import as_array
-from ..base.limits import SAME_ANGLE
 from ..base.quantities import derived, quantity
 from ..base.shown import Shown
+from ..base.units import SAME_ANGLE
 from ..base.wide import traced
 from ..mapping import SimpleMap
 from ..space import CELL_BY_CELL, ENDPOINT as ENDPOINT, CellSpace, Motion, estimates
@@ -101,10 +101,10 @@ def bounce_shift(
     apart = np.abs(shift - whole) * (2 * math.pi / directions)
     wrong = ~((apart < SAME_ANGLE) & (np.abs(shift) < 2**53))
     if wrong.any():
-        degrees, nearest = np.rad2deg(angles[wrong].flat[0]), whole[wrong].flat[0] / directions
+        degrees, near = np.rad2deg(angles[wrong].flat[0]), whole[wrong].flat[0] / directions
         raise ValueError(
             f"{name}: {degrees:g} deg is not a whole number of the {directions} directions, "
-            f"which are {360 / directions:g} deg apart; the nearest is {360 * nearest:g} deg"
+            f"which are {360 / directions:g} deg apart; the nearest is {360 * near:g} deg"
         )
     return np.asarray(whole.astype(np.int64) % directions, np.int32)
 

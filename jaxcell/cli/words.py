@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, get_args, get_origin
 
 from ..base.bundled import bundled_names, with_path
+from ..base.formatting import did_you_mean
 from ..base.paths import existing
 from ..base.units import EXPECTED, number_of
 from ..study.parameters import (
@@ -19,7 +20,6 @@ from ..study.parameters import (
     Only,
     Unit,
     choices_and_types,
-    did_you_mean,
     inside,
     listed,
     parameters,

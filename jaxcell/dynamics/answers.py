@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from ..base.formatting import percent
 from ..space.box import Box
 
 
@@ -37,6 +38,8 @@ def answer_of(basins: Any) -> tuple[str, ...]:
         f"it, and {basins.sampled[k]:.1%} of the orbits from random starts."
         for k in range(min(basins.attractors, _MOST))
     ]
+    if out := basins.outside_share:
+        sentences.append(f"{percent(out)} of the cells lead out of the box.")
     return (*sentences, *_more(basins.attractors), f"{settled[0].upper()}{settled[1:]}.")
 
 

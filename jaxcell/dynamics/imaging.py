@@ -97,18 +97,14 @@ def check_map(map: Map, box: Box, params: Any) -> None:
     try:
         image = jax.eval_shape(map, middle, params)
     except KeyError as error:
-        (key,) = error.args
         raise ValueError(
-            f"map: there is no parameter {key!r}; pass params={{{key!r}: ...}}"
+            f"map: there is no parameter {error}; pass params={{{error}: ...}}"
         ) from error
     except (TypeError, LookupError, AttributeError, NameError, ArithmeticError) as error:
-        reason, advice = _reason(error), ""
-        if params is None and "NoneType" in reason:
-            advice = "; pass the parameters as params"
-            if "subscriptable" in reason:
-                # An error about a missing key names the parameter.
-                check_map(map, box, {})
-        raise ValueError(f"map: fails at the middle of the box: {reason}{advice}") from error
+        if params is None and "not subscriptable" in str(error):
+            # An error about a missing key names the parameter.
+            check_map(map, box, {})
+        raise ValueError(f"map: fails at the middle of the box: {_reason(error)}") from error
     if not hasattr(image, "shape"):
         raise ValueError(f"map: expected an array, got a {type(image).__name__}")
     if image.shape != middle.shape:
@@ -124,13 +120,8 @@ def _reason(error: BaseException) -> str:
     # A function of the library that calls the map names itself.
     while isinstance(error, OnHostError) and error.__cause__ is not None:
         error = error.__cause__
-    if isinstance(error, jax.errors.TracerBoolConversionError):
-        return "it has an `if` on numbers that JAX traces; write jax.numpy.where"
     if isinstance(error, jax.errors.JAXTypeError):
-        return (
-            "it has functions of numpy or math, for numbers that JAX traces; write jax.numpy.sin "
-            "for numpy.sin and math.sin, and so on"
-        )
+        return "JAX traces it: write jax.numpy.sin for numpy.sin and math.sin, jnp.where for `if`"
     return str(error).splitlines()[0] if str(error) else type(error).__name__
 
 

@@ -170,13 +170,10 @@ class Chain(Pictured):
         # For the derivative, which looks up numbers.
         return of_members(later, self.image)
 
-    def pull(self, value: npt.ArrayLike, steps: int = 1) -> Float[Array, "cells"]:
-        """Compute the expected value after steps, `P^steps v`; the value of the sink is 0."""
+    def pull(self, value: npt.ArrayLike) -> Float[Array, "cells"]:
+        """Compute the expected value one step later, `P v`; the value of the sink is 0."""
         require_x64("Chain.pull")
-        expected = jnp.asarray(number_per_cell(value, self.cells, "value"))
-        for _ in range(check_whole("steps", steps, 0)):
-            expected = self._pull(expected)
-        return expected
+        return self._pull(number_per_cell(value, self.cells, "value"))
 
     @jax.jit
     def _pull(self, value: Float[Array, "cells"]) -> Float[Array, "cells"]:
@@ -232,14 +229,14 @@ def _weights(network: Any) -> scipy.sparse.csr_array:
     if not nodes:
         raise ValueError("chain: expected a graph with vertices, got one without")
     matrix = networkx.to_scipy_sparse_array(network, nodes)
-    if matrix.sum(axis=1).max() > 1 + _ROUNDING_32:
-        for tail, head, about in network.edges(data=True):
-            if "weight" not in about:
-                has = f", but {', '.join(map(str, about))}" if about else ""
-                raise ValueError(
-                    f"chain: the edge {tail!r}, {head!r} has no attribute `weight`{has}; expected "
-                    "its probability there; patrol.random_walk(graph) makes a chain of any graph"
-                )
+    beyond = matrix.sum(axis=1).max() > 1 + _ROUNDING_32
+    for tail, head, about in network.edges(data=True):
+        if beyond and "weight" not in about:
+            has = f", but {', '.join(map(str, about))}" if about else ""
+            raise ValueError(
+                f"chain: the edge {tail!r}, {head!r} has no attribute `weight`{has}; expected its "
+                "probability there; patrol.random_walk(graph) makes a chain of any graph"
+            )
     return matrix
 
 

@@ -5,7 +5,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from ..base.limits import SAME_ANGLE
+from ..base.units import SAME_ANGLE
 from ..space.strides import BEHIND, cell_strides as cell_strides
 from .create.motion import Moved
 

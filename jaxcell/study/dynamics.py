@@ -7,8 +7,9 @@ import tyro
 from .. import dynamics, space
 from ..base import memory
 from ..base.doubts import warn
+from ..base.formatting import did_you_mean
 from .loading import load_object
-from .parameters import WholeNumber, did_you_mean
+from .parameters import WholeNumber
 from .study import Say, Study, about, silent
 
 
@@ -156,6 +157,7 @@ def read_params(given: tuple[str, ...], known: "dict[str, Any]") -> "dict[str, A
         if not equals or name not in known:
             raise ValueError(
                 f"params: expected NAME=NUMBER with a name among {', '.join(known)}, got {text!r}"
+                f"{did_you_mean(name, known)}"
             )
         try:
             params[name] = _number_or_list(value)

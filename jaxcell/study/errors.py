@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import tyro
 
+from ..base.formatting import did_you_mean
 from ..base.units import number_of
-from .parameters import Limit, did_you_mean
+from .parameters import Limit
 from .study import about
 
 

@@ -6,8 +6,8 @@ from typing import Any, ClassVar
 
 from .. import dynamics
 from ..base import memory
+from ..base.formatting import did_you_mean
 from .dynamics import SystemStudy, read_params
-from .parameters import did_you_mean
 from .study import Say, silent
 
 

@@ -31,7 +31,11 @@ def load_object(reference: str) -> Any:
     try:
         return getattr(load_module(module), name)
     except (ImportError, AttributeError, ValueError, SyntaxError) as error:
-        raise ValueError(f"{reference}: {error}") from None
+        lacks = getattr(error, "obj", None)
+        names = vars(lacks) if isinstance(lacks, ModuleType) else ()
+        there = ", ".join(one for one in names if not one.startswith("_"))
+        there = f"; it has {there}" if there else ""
+        raise ValueError(f"{reference}: {error}{there}") from None
 
 
 def load_study(reference: str) -> type[Study]:

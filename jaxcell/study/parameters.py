@@ -20,12 +20,11 @@ An annotation gives the unit and the limits of a parameter, and conditions on ot
 """
 
 import dataclasses
-import difflib
 import enum
 import functools
 import math
 import numbers
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import (
     TYPE_CHECKING,
     Annotated,
@@ -36,6 +35,8 @@ from typing import (
     get_origin,
     get_type_hints,
 )
+
+from ..base.formatting import did_you_mean
 
 
 Kind = TypeVar("Kind")
@@ -150,12 +151,6 @@ def listed(values: Any) -> str:
     """Format several values as `a, b or c`."""
     texts = [str(value) for value in (values if isinstance(values, tuple) else (values,))]
     return " or ".join(filter(None, (", ".join(texts[:-1]), texts[-1])))
-
-
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return the end of an error that names the known word most similar to `word`, if any."""
-    near = difflib.get_close_matches(word, [*known], 1)
-    return f"; did you mean {near[0]}?" if near else ""
 
 
 AtLeastOne: TypeAlias = Annotated[int, Limit(ge=1)]

@@ -1,6 +1,5 @@
 import contextlib
 import dataclasses
-import difflib
 import functools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -9,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, TypeVar
 
 from .. import verify as verification
 from ..base.bundled import with_path
+from ..base.formatting import did_you_mean
 from ..base.paths import digest, existing, files_read, name_in_results
 from ..base.quantities import Quantity, Result, values
 from ..base.units import number_of
@@ -71,11 +71,10 @@ class Study:
 
     def __new__(cls: type[Own], *_: Any, **given: Any) -> Own:
         known = [field.name for field in dataclasses.fields(cls)]
-        if wrong := [name for name in given if name not in known]:
-            near = [difflib.get_close_matches(name, known, 1) for name in wrong]
-            meant = ", ".join(found[0] for found in near if found)
-            advice = f"did you mean {meant}?" if all(near) else f"it has {', '.join(known)}"
-            raise TypeError(f"{', '.join(wrong)}: {cls.__name__} has no such parameter; {advice}")
+        for name in given:
+            if name not in known:
+                meant = did_you_mean(name, known) or f"; it has {', '.join(known)}"
+                raise TypeError(f"{name}: {cls.__name__} has no such parameter{meant}")
         return super().__new__(cls)
 
     def __post_init__(self) -> None:

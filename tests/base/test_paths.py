@@ -2,7 +2,7 @@ import os
 
 import pytest
 
-from jaxcell.base.paths import name_in_results, replacing
+from jaxcell.base.paths import absent, name_in_results, replacing
 
 
 def test_replaces_a_file(tmp_path):
@@ -61,3 +61,13 @@ def test_results_do_not_say_where_files_are_kept(tmp_path, monkeypatch, here, pa
     monkeypatch.setenv("HOME", str(tmp_path / "home" / "me"))
     monkeypatch.chdir(tmp_path / here)
     assert name_in_results(path.format(root=tmp_path)).split(os.sep) == name.split("/")
+
+
+def test_only_a_similar_name_is_suggested_for_a_missing_file(tmp_path):
+    (tmp_path / "bow.json").touch()
+    for name, meant in (
+        ("bow.jsn", f"; did you mean {tmp_path / 'bow.json'}?"),
+        ("nothere.json", ""),
+    ):
+        said = f"{tmp_path / name}: there is no such file{meant}"
+        assert str(absent(tmp_path / name)) == said

@@ -92,6 +92,10 @@ dynamics lorenz63
     SYSTEM: expected FILE.py:NAME or one of duffing, ...; did you mean lorenz84?
 dynamics number.py:System
     SYSTEM: number.py:System: expected a jaxcell.dynamics.System, got 3
+dynamics number.py:Systm
+    SYSTEM: number.py:Systm: module 'number' has no attribute 'Systm'; it has ...
+dynamics henon --params aa=1
+    --params: expected NAME=NUMBER with a name among a, b, got 'aa=1'; did you mean a?
 dynamics henon --params c=1
     --params: expected NAME=NUMBER with a name among a, b, got 'c=1'
 dynamics henon --cells 0

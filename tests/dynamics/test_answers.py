@@ -1,6 +1,7 @@
 """Sentences, tables and files that say what attractors are, and where."""
 
 import json
+import re
 
 import jax.numpy as jnp
 import numpy as np
@@ -37,15 +38,17 @@ def test_command_begins_with_kind_and_place_of_each_attractor(damped, tmp_path, 
     out = tmp_path / "out"
     assert run(["dynamics", damped, "--out", str(out)]) == 0
     shown = capsys.readouterr()
-    first, second, *_ = shown.out.splitlines()
+    first, second, third, *_ = shown.out.splitlines()
     assert first.startswith("Attractor 0 is a point at (place, speed) = (0, 0)")
-    assert second == "All orbits have settled."
+    share = re.fullmatch(r"(.*) % of the cells lead out of the box\.", second)
+    assert third == "All orbits have settled."
     assert "--follow 4" in shown.err
     assert "follow=" not in shown.err
     (found,) = json.loads((out / "summary.json").read_text())["basins"]
     assert (found["kind"], found["return_time"]) == ("point", 0)
     assert found["point"] == found["lower"] == found["upper"] == [0, 0]
     with xr.open_dataset(out / "dynamics.nc") as saved:
+        assert float(share[1]) == pytest.approx(100 * (1 - saved.fraction.item()), abs=0.06)
         assert saved.kind.values.tolist() == ["point"]
         for name in ("point", "lower", "upper"):
             np.testing.assert_array_equal(saved[name], [[0, 0]])

@@ -196,7 +196,7 @@ def test_half_steps_reveal_coarse_steps():
         (lambda x: np.sin(x), "write jax.numpy.sin for numpy.sin and math.sin"),
         (lambda x: np.array([math.sin(x[0]), 0.0]), "write jax.numpy.sin for numpy.sin and math"),
         (dynamics.flow(lambda x, p: np.sin(x), 0.1), "write jax.numpy.sin for numpy.sin and math"),
-        (lambda x: x if x[0] > 0 else -x, "an `if` on numbers that JAX traces; write jax.numpy.w"),
+        (lambda x: x if x[0] > 0 else -x, "JAX traces it: .*, jnp.where for `if`$"),
         (dynamics.flow(lambda x, p: x[:1], 0.1, 2), "^field: expected an array of shape .2., got"),
         (lambda x, p: x * jnp.nan, "^map: expected finite numbers, got none at 64 points$"),
         (dynamics.flow(lambda x, p: x / 0.0, 0.1), "^field: expected finite numbers, got none at"),

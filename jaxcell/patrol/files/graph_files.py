@@ -116,6 +116,8 @@ def load_graph(path: str | os.PathLike[str] | Any) -> tuple[Graph, tuple[str, ..
         >>> graph.vertices, len(graph.edges), names[:2], graph.xy[0].tolist()
         (8, 13, ('1', '2'), [1.0, 3.0])
     """
+    if hasattr(path, "geom_type"):
+        raise ValueError(f"file: a {path.geom_type} is a room, not a graph; use study.PatrolMap")
     if not isinstance(path, str | os.PathLike):
         graph = path if isinstance(path, Graph) else Graph(path)
         return graph, tuple(map(str, range(graph.vertices) if path is graph else numbered(path)))

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...base.documents import check_file, checked_number, read_text
+from ...base.formatting import did_you_mean
 from ...optimize import Stakes
 
 
@@ -54,7 +55,8 @@ def _load(
         splits = [(" ".join(words[:-length]), words[-length:]) for length in lengths]
         name, rest = next((split for split in splits if split[0] in names), splits[0])
         if name not in names:
-            raise ValueError(f"{at}: there is no vertex {reprlib.repr(name)}")
+            meant = did_you_mean(name, names)
+            raise ValueError(f"{at}: there is no vertex {reprlib.repr(name)}{meant}")
         if name in numbers:
             raise ValueError(f"{at}: the vertex {reprlib.repr(name)} comes twice")
         numbers[name] = [checked_number(at, word, expected, text=True) for word in rest]

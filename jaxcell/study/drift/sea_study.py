@@ -35,10 +35,8 @@ class SeaStudy(Study):
         file: Any = self.file
         for one in file if isinstance(file, list | tuple) else (file,):
             if not (isinstance(one, str | os.PathLike) or hasattr(one, "data_vars")):
-                raise ValueError(
-                    "file: expected a file, a list of files or an xarray.Dataset, got "
-                    f"{type(one).__name__}"
-                )
+                got = type(one).__name__
+                raise ValueError(f"file: expected files or an xarray.Dataset, got {got}")
         super().__post_init__()
 
     def spec(self, result: Any) -> dict[str, Any]:

@@ -7,9 +7,10 @@ import tyro
 
 from ... import optimize, patrol, space, verify as verification
 from ...base import memory
+from ...base.formatting import did_you_mean
 from ...base.limits import MAX_VERTICES
 from ...base.secondary import Secondary
-from ..parameters import AtLeastOne, Headings, Limit, Needed, Only, Share, Unit, did_you_mean
+from ..parameters import AtLeastOne, Headings, Limit, Needed, Only, Share, Unit
 from ..study import Say, Study, silent
 
 

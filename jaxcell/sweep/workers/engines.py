@@ -23,8 +23,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+from ...base.formatting import did_you_mean
 from ...base.runtime import program_cache
-from ...study.parameters import did_you_mean
 from .process import Team
 from .work import Computed, Failed, Job, Waiting, compute, failure
 

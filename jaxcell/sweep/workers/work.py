@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 
+from ...base.formatting import did_you_mean
 from ...base.memory import free
 from ...base.process import is_ending
 from ...study import Study, parameters
 from ...study.loading import load_object
-from ...study.parameters import did_you_mean
 from ...study.study import about
 from ..design import LIST_DIMENSION
 from ..spec import Chunk, Spec

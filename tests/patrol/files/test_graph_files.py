@@ -222,6 +222,7 @@ def test_a_number_for_each_vertex(tmp_path):
     for text, message in (
         ("a 1\n", "there is no number for vertex 'b'"),
         ("a 1\nc 2\n", "line 2: there is no vertex 'c'"),
+        ("a 1\nbb 2\n", "line 2: there is no vertex 'bb'; did you mean b"),
         ("a 1\na 2\n", "line 2: the vertex 'a' comes twice"),
         ("a 1\nb 0\n", "line 2: expected a number more than 0, got 0"),
         ("a 1\nb two\n", "line 2: expected a number more than 0"),
