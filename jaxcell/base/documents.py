@@ -5,11 +5,12 @@ A wrong field raises a `ValueError` that names the field, the expected value and
 
 import contextlib
 import dataclasses
+import difflib
 import json
 import math
 import re
 import reprlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -149,6 +150,14 @@ class Fields:
         if not isinstance(value, dict) or not all(isinstance(part, str) for part in value.values()):
             raise refused(self.where + name, "an object of strings", value)
         return value
+
+    def check_names(self, known: Sequence[str]) -> None:
+        """Raise `ValueError` if there is a field with another name."""
+        for name in self.values:
+            if name not in known:
+                near = difflib.get_close_matches(name, known, 1)
+                meant = f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}"
+                raise ValueError(f"{self.where}{name}: there is no such field; {meant}")
 
     def check_version(self, newest: int) -> None:
         """Check the field `version`, which is 1 if it is missing."""

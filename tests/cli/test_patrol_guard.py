@@ -29,7 +29,7 @@ def test_two_guards_get_a_round_for_tonight(capsys, tmp_path, floor):
     assert status == 0
     assert answer["answer"][0].startswith("No intruder who needs 60 s escapes, whatever they see")
     assert answer["longest_between"] == pytest.approx(44)
-    assert answer["least_capture"] == answer["watched_capture"] == 1
+    assert (answer["risk"], answer["watched_capture"]) == (0, 1)
     assert "left out" not in said
     files = {path.name for path in out.iterdir()}
     assert {"schedule.csv", "rounds.png", "patrol.json", "game.json", "guard.rrd"} <= files
@@ -55,9 +55,12 @@ def test_targets_with_short_attacks_come_first(capsys, tmp_path, floor):
     given = *given, "--values", tmp_path / "values.txt", "--speed", 1
     status, answer, _ = run(capsys, "patrol guard", floor, *given)
     assert status == 0
+    # The guard stays at a until d is at the same risk: (84 - 40) / T = 3 (1 - 80 / T).
+    period = (3 * 80 + 44) / 3
     first, second = answer["targets"]
-    assert (first["target"], first["exposure"]) == ("a", pytest.approx(1 - 40 / 84))
-    assert (second["target"], second["exposure"]) == ("d", pytest.approx(1 - 80 / 84))
+    assert answer["risk"] == pytest.approx(44 / period)
+    assert (first["target"], first["exposure"]) == ("a", pytest.approx(44 / period))
+    assert (second["target"], second["exposure"]) == ("d", pytest.approx(1 - 80 / period))
     assert answer["bound_between"] == pytest.approx(84)
 
 
@@ -81,6 +84,6 @@ def test_walks_of_a_directed_graph_point_to_rounds(capsys, tmp_path):
     assert status == 2
     assert "rounds on one-way edges are found by `jaxcell patrol guard`" in said
     status, answer, _ = run(capsys, "patrol guard", tmp_path / "ways.graphml", "--attack-time", 3)
-    assert (status, answer["least_capture"]) == (0, 1)
+    assert (status, answer["risk"]) == (0, 0)
     described = run(capsys, "info", tmp_path / "ways.graphml")[1]
     assert (described["edges"], described["one_way"]) == (3, 3)

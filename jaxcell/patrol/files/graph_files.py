@@ -401,13 +401,20 @@ def _checked_ways(vertices: list[Vertex], edges: list[Edge], directed: str) -> W
     order = np.flatnonzero(~loop)[np.argsort(lengths[~loop], kind="stable")]
     _, first = np.unique(pairs[order] @ [len(numbers), 1], return_index=True)
     kept, sides = np.sort(order[first]), 1 if directed else 2
-    omitted = []
-    if loops := int(loop.sum()) // sides:
-        omitted.append(f"{loops:,} loops are left out: a robot can wait at a vertex")
-    if parallel := (int((~loop).sum()) - kept.size) // sides:
-        omitted.append(f"{parallel:,} parallel edges are left out: the shortest of them is used")
-    return Ways(
-        tuple(numbers), pairs[kept], lengths[kept] if measured else None, places, tuple(omitted)
+    omitted = about_omitted(int(loop.sum()) // sides, (int((~loop).sum()) - kept.size) // sides)
+    return Ways(tuple(numbers), pairs[kept], lengths[kept] if measured else None, places, omitted)
+
+
+def about_omitted(loops: int, parallel: int) -> tuple[str, ...]:
+    """Say how many loops and parallel edges are left out, if any."""
+    counts = (
+        (loops, "loop", "a robot can wait at a vertex"),
+        (parallel, "parallel edge", "the shortest of them is used"),
+    )
+    return tuple(
+        f"{count:,} {what}{' is' if count == 1 else 's are'} left out: {why}"
+        for count, what, why in counts
+        if count
     )
 
 

@@ -2,6 +2,7 @@ from .bounding import Bound as Bound, bound as bound
 from .evaluation import Evaluation as Evaluation, evaluate as evaluate
 from .game import Game as Game, is_game as is_game, load_game as load_game, save_game as save_game
 from .guarded import Guarded as Guarded
+from .mixing import best_routes as best_routes
 from .route import (
     Route as Route,
     load_routes as load_routes,

@@ -3,11 +3,10 @@
 from typing import NamedTuple
 
 import numpy as np
-import scipy.optimize
 import scipy.sparse.csgraph
-from jaxtyping import Float
 
 from .game import Game
+from .mixing import mix
 from .subsets import MOST_ROBOTS, MOST_SUBSETS, closed_tours, membership, of_several, open_walks
 
 
@@ -58,22 +57,8 @@ def _by_subsets(game: Game) -> Bound:
     inside = membership(count)
     larger = np.array([possible[np.arange(1 << count) | 1 << target] for target in range(count)])
     maximal = possible & ~(larger.T & ~inside).any(axis=1)
-    return Bound(longest, _mixed(inside[maximal], game.value / game.value.max()), True)
-
-
-def _mixed(
-    sets: Float[np.ndarray, "sets targets"] | object, value: Float[np.ndarray, "_"]
-) -> float:
-    """Mix sets of visited targets so that the largest risk is least; return 1 less the risk."""
-    visited = np.asarray(sets, float)
-    cost = np.append(np.zeros(len(visited)), 1.0)
-    # The value of each target times its probability of no visit is at most the risk.
-    rows = np.append(-visited.T * value[:, None], -np.ones((value.size, 1)), axis=1)
-    once = np.append(np.ones(len(visited)), 0.0)[None]
-    found = scipy.optimize.linprog(cost, rows, -value, once, [1.0], method="highs")
-    if not found.success:
-        raise RuntimeError(f"the bound: {found.message}")
-    return float(np.clip(1 - found.fun, 0.0, 1.0))
+    mixed = mix(inside[maximal].astype(float), game.value / game.value.max())
+    return Bound(longest, float(np.clip(1 - mixed.risk, 0.0, 1.0)), True)
 
 
 def _by_trees(game: Game) -> Bound:

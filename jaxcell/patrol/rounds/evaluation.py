@@ -23,8 +23,8 @@ class Evaluation(NamedTuple):
     "The longest time between visits of any robot; infinite if there are none."
     exposure: Float[np.ndarray, "targets"]
     "The share of moments at which an attack succeeds that begins then."
-    often: Float[np.ndarray, "targets"]
-    "The mean time from the end of a visit of any robot to the next."
+    every: Float[np.ndarray, "targets"]
+    "The time after which visits repeat; infinite if there are none, or robots meet in all phases."
 
     def risk(self, game: Game) -> Float[np.ndarray, "targets"]:
         """Return the loss from an attack on each target, by the adversary of the game."""
@@ -37,6 +37,7 @@ def evaluate(game: Game, routes: Sequence[Route]) -> Evaluation:
     """Compute the times between visits to each target, and its exposure, exactly.
 
     Robots whose periods have a common multiple keep a shared clock; others meet in all phases.
+    **Raises:** `ValueError` if there are more routes than robots, or a route cannot be followed.
 
     Two robots half a round apart on a line of three vertices, where attacks take 1 step:
 
@@ -47,15 +48,25 @@ def evaluate(game: Game, routes: Sequence[Route]) -> Evaluation:
         >>> found.longest.tolist(), found.exposure.tolist()
         ([2.0, 2.0, 2.0], [0.5, 0.5, 0.5])
     """
+    if not 0 < len(routes) <= game.robots:
+        raise ValueError(f"routes: expected 1 to {game.robots}, one per robot, got {len(routes)}")
+    for number, route in enumerate(routes):
+        route.check(game, f"routes[{number}]")
+    return evaluate_followed(game, routes)
+
+
+def evaluate_followed(game: Game, routes: Sequence[Route]) -> Evaluation:
+    """Evaluate routes that robots can follow, as [`evaluate`][] does, without checks."""
     rows = []
     for target, attack in zip(game.targets.tolist(), game.attack.tolist(), strict=True):
-        longest, exposed, often = math.inf, 1.0, math.inf
-        for period, gaps in _groups(routes, target):
+        longest, exposed, every = math.inf, 1.0, math.inf
+        for period, gaps in (groups := _groups(routes, target)):
             late = gaps[gaps > attack * (1 + _ROUNDING)] - attack
             exposed *= late.sum() / period
             longest = min(longest, float(gaps.max()))
-            often = 1 / (1 / often + (gaps > 0).sum() / period) if gaps.any() else 0.0
-        rows.append((longest, exposed, often))
+            even = math.isclose(gaps.max() * gaps.size, period)
+            every = math.inf if len(groups) > 1 else period / (gaps.size if even else 1)
+        rows.append((longest, exposed, every))
     return Evaluation(*np.array(rows).T)
 
 

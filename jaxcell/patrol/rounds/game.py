@@ -15,12 +15,20 @@ from ...base.documents import Fields, check_file, decode_json, read_text, refuse
 from ...base.paths import replacing
 from ...base.shown import Pictured
 from ...optimize.validation import check_count, one_each
-from ..files.graph_files import Ways, about_file, load_ways
+from ..files.graph_files import Ways, about_file, about_omitted, load_ways
 
 
 Adversary: TypeAlias = Literal["blind", "watcher"]
 # Largest number of vertices that a sentence lists.
 _NAMED = 6
+_CHOICES = {"unit": ("s", "steps"), "adversary": ("blind", "watcher")}
+# The fields of a game, and of its parts.
+_KNOWN = {
+    "": ("version", "unit", "robots", "adversary", "vertices", "ways", "targets"),
+    "vertices": ("name", "x", "y"),
+    "ways": ("from", "to", "time"),
+    "targets": ("vertex", "attack_time", "value"),
+}
 # The least time of a way between two vertices in one place; sparse matrices leave out 0.
 _BRIEFEST = 1e-9
 
@@ -122,6 +130,9 @@ class Game(Pictured):
 
     def __post_init__(self) -> None:
         check_count("robots", self.robots)
+        for field, choices in _CHOICES.items():
+            if (given := getattr(self, field)) not in choices:
+                raise refused(field, " or ".join(choices), given)
         parts, part = self.components
         if self.robots < parts:
             apart = self.names_of_targets[int(np.argmax(part != part[0]))]
@@ -241,9 +252,15 @@ def _lines(document: dict[str, Any]) -> str:
 
 
 def is_game(path: str | os.PathLike[str]) -> bool:
-    """Check whether a file is a game, by its suffix and the key of its targets."""
+    """Check whether a file is a game, by its suffix and the key of its targets.
+
+    **Raises:** `ValueError` if a `.json` file has no JSON."""
     path = Path(path)
-    return path.suffix.lower() == ".json" and path.is_file() and '"targets"' in read_text(path)
+    if path.suffix.lower() != ".json" or not path.is_file():
+        return False
+    with about_file(path):
+        document = decode_json(read_text(path), "a game or a graph")
+    return isinstance(document, dict) and "targets" in document
 
 
 def load_game(path: str | os.PathLike[str]) -> Game:
@@ -271,6 +288,9 @@ def load_game(path: str | os.PathLike[str]) -> Game:
             raise ValueError(f"expected an object, got {reprlib.repr(document)}")
         fields = Fields(document)
         fields.check_version(1)
+        for part, known in _KNOWN.items():
+            for one in fields.parts(part) if part else [fields]:
+                one.check_names(known)
         vertices = fields.parts("vertices")
         names = tuple(vertex.text("name") for vertex in vertices)
         if len(set(names)) < len(names) or len(names) < 2:
@@ -288,14 +308,18 @@ def load_game(path: str | os.PathLike[str]) -> Game:
             return value
 
         shortest: dict[tuple[int, int], float] = {}
-        for way in fields.parts("ways"):
+        ways = fields.parts("ways")
+        loops = 0
+        for way in ways:
             ends, time = (vertex(way, "from"), vertex(way, "to")), positive(way, "time")
-            if ends[0] != ends[1]:
+            if ends[0] == ends[1]:
+                loops += 1
+            else:
                 shortest[ends] = min(time, shortest.get(ends, time))
         targets = fields.parts("targets")
         if not shortest or not targets:
             raise ValueError("expected at least one way between two vertices, and one target")
-        for field, choices in (("unit", ("s", "steps")), ("adversary", ("blind", "watcher"))):
+        for field, choices in _CHOICES.items():
             if document.get(field, choices[0]) not in choices:
                 raise refused(field, " or ".join(choices), document[field])
         chosen = [vertex(target, "vertex") for target in targets]
@@ -315,4 +339,5 @@ def load_game(path: str | os.PathLike[str]) -> Game:
             unit=document.get("unit", "s"),
             adversary=document.get("adversary", "blind"),
             xy=np.array([[v.number("x"), v.number("y")] for v in vertices]) if placed else None,
+            omitted=about_omitted(loops, len(ways) - loops - len(shortest)),
         )

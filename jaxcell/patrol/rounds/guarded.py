@@ -25,7 +25,7 @@ class Guarded(Result):
 
     title: ClassVar[str] = "Rounds of guards with a shared clock"
     tables: ClassVar[Mapping[str, str]] = {"target": "targets", "robot": "guards"}
-    leading: ClassVar[tuple[str, ...]] = ("least_capture", "longest_between", "unit")
+    leading: ClassVar[tuple[str, ...]] = ("risk", "longest_between", "unit")
     picture: ClassVar[str] = "exposure"
 
     game: Game
@@ -121,10 +121,9 @@ class Guarded(Result):
     def watched_capture(self) -> float:
         return 1.0 if self.safe else 0.0
 
-    @derived("", "least probability of capture, for the adversary of the game", "1", kind="share")
-    def least_capture(self) -> float:
-        blind = self.game.adversary == "blind"
-        return self.blind_capture if blind else self.watched_capture
+    @derived("", "largest loss from an attack: probability of success times value", kind="number")
+    def risk(self) -> float:
+        return float(self.evaluation.risk(self.game).max())
 
     @derived("", "longest time between visits to a target", kind="time")
     def longest_between(self) -> float:
@@ -135,9 +134,10 @@ class Guarded(Result):
     bound_between = from_part(
         "bound.between", "", "longest time between visits, at least, by any patrol", kind="time"
     )
-    bound_capture = from_part(
-        "bound.capture", "", "least capture, at most, by any patrol", "1", kind="share"
-    )
+
+    @derived("", "risk, at least, of any patrol", kind="number")
+    def bound_risk(self) -> float | None:
+        return None if self.bound is None else (1 - self.bound.capture) * self.game.value.max()
 
     @property
     def safe(self) -> bool:
@@ -162,10 +162,11 @@ class Guarded(Result):
     def _safe(self) -> str:
         game, longest = self.game, self.longest_between
         if not math.isfinite(longest):
-            missed = game.names_of_targets[int(np.argmax(self.evaluation.longest))]
-            return f"No guard ever visits `{missed}`."
+            missed = np.flatnonzero(np.isinf(self.evaluation.longest))
+            names = game.names_of_targets[missed[0]]
+            return f"No guard ever visits `{names}`{_others(missed.size - 1)}."
         if not longest:
-            return "No intruder escapes: a guard stays at each target."
+            return "No intruder escapes, whatever they see: a guard stays at each target."
         if self.safe and np.ptp(game.attack):
             return "No intruder escapes: each target is visited before an attack on it is over."
         needed = f"No intruder who needs {self._time(longest, up=True)} escapes"
@@ -181,17 +182,17 @@ class Guarded(Result):
             return []
         game, found, worst = self.game, self.evaluation, int(self.order[0])
         risk = found.risk(game)
-        alike = int((risk >= risk[worst] * (1 - _SAME)).sum()) - 1
-        others = f" and {alike} other{'s' * (alike > 1)}" * (alike > 0)
-        where = f"`{game.names_of_targets[worst]}`{others}"
+        alike = np.isclose(risk, risk[worst], _SAME, 0) & (game.attack == game.attack[worst])
+        alike &= np.isclose(found.exposure, found.exposure[worst], _SAME, 0)
+        where = f"`{game.names_of_targets[worst]}`{_others(int(alike.sum()) - 1)}"
         attack = f"An attack of {self._time(game.attack[worst])} at {where}"
         share = f"{100 * found.exposure[worst]:.3g} % of all moments"
-        if math.isfinite(found.often[worst]):
-            late = self._time(found.exposure[worst] * found.often[worst])
-            share = (
-                f"{late} of each round ({self._time(found.often[worst])} between visits): {share}"
-            )
+        if math.isfinite(every := found.every[worst]):
+            late = self._time(found.exposure[worst] * every)
+            share = f"{late} of every {self._time(every, up=True)}: {share}"
         lines = [f"{attack} can succeed for {share}."]
+        if np.ptp(game.value):
+            lines.append(f"The largest risk, success times value, is {self.risk:.4g}.")
         if game.adversary == "watcher":
             lines.append("An adversary who sees the guards can choose such a moment, and escapes.")
         return lines
@@ -200,13 +201,18 @@ class Guarded(Result):
         if self.bound is None:
             return ""
         who = "one guard" if self.game.robots == 1 else f"{self.game.robots} guards"
-        between, capture = self.bound.between, self.bound.capture
-        if between >= self.longest_between * (1 - _SAME):
-            return f"No patrol by {who} has a shorter longest time between visits."
-        text = f"The bound is {self._time(between)}: no patrol by {who} visits all more often"
-        if capture < 1 - _SAME and not self.safe:
-            text += f", or stops more than {100 * capture:.3g} % of attacks on the weakest target"
-        return f"{text}."
+        between, least = self.bound.between, self.bound_risk or 0.0
+        text = f"No patrol by {who} has a shorter longest time between visits."
+        if between < self.longest_between * (1 - _SAME):
+            text = f"The bound is {self._time(between)}: no patrol by {who} visits all more often."
+        if self.safe or not least:
+            return text
+        if self.risk <= least + _SAME * self.game.value.max():
+            return f"{text} None has a smaller risk."
+        if np.ptp(self.game.value):
+            return f"{text} None has a risk below {least:.4g}."
+        share = 100 * (1 - least / self.game.value[0])
+        return f"{text} None stops more than {share:.3g} % of attacks on the weakest target."
 
     def _guards(self) -> list[str]:
         lines = []
@@ -215,15 +221,21 @@ class Guarded(Result):
             if len(names) == 1:
                 lines.append(f"Guard {number} stays at {names[0]}.")
                 continue
-            shown = ", ".join(names[:_STOPS]) + ", ..." * (len(names) > _STOPS)
+            names = [
+                f"{name} for {self._time(stay)}" if stay > 0 else name
+                for name, stay in zip(names, (route.leave - route.arrive).tolist(), strict=True)
+            ]
+            shown = ", ".join(names[:_STOPS]) + (", ..." if len(names) > _STOPS else ".")
             begins = self._time(float(route.arrive[0])) if route.arrive[0] else ""
             lines.append(
-                f"Guard {number}, every {self._time(route.period)}"
+                f"Guard {number}, every {self._time(route.period, up=True)}"
                 + (f", there from {begins} on" if begins else "")
-                + f": {shown}."
+                + f": {shown}"
             )
-        if len(self.routes) > _GUARDS:
-            lines.append(f"{len(self.routes) - _GUARDS} more guards are in the table.")
+        if (more := len(self.routes) - _GUARDS) > 0:
+            lines.append(
+                "1 more is in the table." if more == 1 else f"{more} more are in the table."
+            )
         return lines
 
     @property
@@ -240,3 +252,7 @@ class Guarded(Result):
         rounded = math.ceil(scaled * (1 - 1e-9)) if up else round(scaled)
         unit = "step" if self.game.unit == "steps" and rounded == 10**digits else self.game.unit
         return f"{rounded / 10**digits:.10g} {unit}"
+
+
+def _others(count: int) -> str:
+    return f" and {count} other{'s' * (count > 1)}" * (count > 0)

@@ -42,6 +42,11 @@ class Route:
 
     def check(self, game: Game, where: str) -> None:
         """Raise `ValueError` unless a robot of the game can follow the route."""
+        sizes = {self.vertex.size, self.arrive.size, self.leave.size}
+        if len(sizes) > 1 or not self.vertex.size or not 0 < self.period < np.inf:
+            raise ValueError(f"{where}: expected visits, two times for each, and a period above 0")
+        if not ((self.vertex >= 0) & (self.vertex < len(game.names))).all():
+            raise ValueError(f"{where}: expected vertices from 0 to {len(game.names) - 1}")
         times = {(a, b): t for (a, b), t in zip(game.ends.tolist(), game.times, strict=True)}
         there, after = np.roll(self.vertex, -1), np.roll(self.arrive, -1)
         after[-1] += self.period
@@ -155,7 +160,7 @@ def save_timetable(
             ["robot", f"time_{game.unit}", "vertex", f"until_{game.unit}", *["clock"] * clock]
         )
         for time, who, at, until in sorted(rows):
-            seconds = int(time)
+            seconds = round(time)
             shown = f"{seconds // 3600}:{seconds // 60 % 60:02}:{seconds % 60:02}"
             row = [who, f"{time:.6g}" if not clock else f"{time:.1f}", game.names[at]]
             row += [f"{until:.6g}" if not clock else f"{until:.1f}", *[shown] * clock]

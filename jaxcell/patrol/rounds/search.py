@@ -1,14 +1,14 @@
 """The search for rounds of robots that keep a shared clock."""
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from ...optimize.tour import best_order, good_order, improved_order, tour_length
-from .evaluation import Evaluation, evaluate
+from .evaluation import Evaluation, evaluate_followed
 from .game import Game
 from .route import Route
 from .subsets import MOST_ROBOTS, MOST_SUBSETS, best_partition, closed_tours
@@ -43,17 +43,18 @@ class Rounds:
         routes = tuple(
             route
             for order, count in zip(orders, robots, strict=True)
-            for route in _spaced(game, order, count)
+            for route in spaced(game, order, count)
         )
-        return cls(game, tuple(orders), tuple(robots), routes, evaluate(game, routes))
+        return cls(game, tuple(orders), tuple(robots), routes, evaluate_followed(game, routes))
 
     @property
-    def rank(self) -> tuple[float, float, float]:
+    def rank(self) -> tuple[float, float, float, float]:
         """Numbers to compare rounds in this order; smaller is better."""
         found, game = self.evaluation, self.game
         late = found.longest / game.attack
-        risk = (found.exposure * game.value).max()
-        return max(0.0, round(float(risk), 9)), float(late.max()), float(late.mean())
+        risk, exposed = found.risk(game).max(), (found.exposure * game.value).max()
+        first, second = (max(0.0, round(float(loss), 9)) for loss in (risk, exposed))
+        return first, second, float(late.max()), float(late.mean())
 
 
 def best_rounds(game: Game) -> Rounds:
@@ -62,8 +63,9 @@ def best_rounds(game: Game) -> Rounds:
     For up to 14 targets, the lengths of the shortest tours of all sets of targets are computed, and
     robots are divided among disjoint tours optimally. For more targets, tours are improved by
     exchanges: within a tour, and between tours. Then targets with short attacks are visited more
-    often than others where this helps. Of rounds with equal risk, those with the shortest times
-    between visits are chosen, relative to attacks. The search has no randomness.
+    often than others where this helps. Targets are left out if what they are worth is less than the
+    risk of rounds with them. Of rounds with equal risk, those with the shortest times between
+    visits are chosen, relative to attacks. The search has no randomness.
 
     **Arguments:** the game. **Returns:** `Rounds`. **Raises:** `ValueError` if there are fewer
     robots than parts of the graph.
@@ -76,8 +78,23 @@ def best_rounds(game: Game) -> Rounds:
         >>> found.robots, found.evaluation.longest.max().item()
         ((2,), 3.0)
     """
-    found = min(_candidates(game), key=lambda rounds: rounds.rank)
-    return _with_repeats(found)
+    # With the targets left out of up to a value, the risk of the others decreases.
+    levels = np.append(0.0, np.unique(game.value)[:-1])
+    low, high, found = 0, len(levels) - 1, []
+    while low <= high:
+        level = (low + high) // 2
+        kept = np.flatnonzero(game.value > levels[level])
+        part = dataclasses.replace(
+            game, targets=game.targets[kept], attack=game.attack[kept], value=game.value[kept]
+        )
+        best = min(_candidates(part), key=lambda rounds: rounds.rank)
+        best = _with_repeats(Rounds.of(game, [kept[one] for one in best.orders], best.robots))
+        found.append(best)
+        if best.evaluation.risk(game)[kept].max() > levels[level]:
+            low = level + 1
+        else:
+            high = level - 1
+    return min(found, key=lambda rounds: rounds.rank)
 
 
 def _candidates(game: Game) -> Iterator[Rounds]:
@@ -85,10 +102,7 @@ def _candidates(game: Game) -> Iterator[Rounds]:
     if game.targets.size <= MOST_SUBSETS:
         lengths = closed_tours(between)
         for groups in best_partition(lengths, game.attack, game.value, game.robots):
-            orders = [_ordered(np.array(targets), between) for targets, _ in groups]
-            counts = [count for _, count in groups]
-            everyone = sum(counts) == game.robots
-            yield Rounds.of(game, orders, counts if everyone else _shared_out(game, orders))
+            yield rounds_of(game, groups)
     whole = [_ordered(np.flatnonzero(part == one), between) for one in range(parts)]
     if parts > 1 or game.targets.size > MOST_SUBSETS:
         yield Rounds.of(game, whole, _shared_out(game, whole))
@@ -105,6 +119,14 @@ def _candidates(game: Game) -> Iterator[Rounds]:
         yield Rounds.of(game, tours, _shared_out(game, tours))
 
 
+def rounds_of(game: Game, groups: Sequence[tuple[list[int], int]]) -> Rounds:
+    """Follow short tours through groups of targets, with a number of robots for each."""
+    orders = [_ordered(np.array(targets), game.between) for targets, _ in groups]
+    counts = [count for _, count in groups]
+    everyone = sum(counts) == game.robots
+    return Rounds.of(game, orders, counts if everyone else _shared_out(game, orders))
+
+
 def _ordered(targets: Int[np.ndarray, "part"], between: Float[np.ndarray, "all all"]) -> _Order:
     """Order targets into a short closed tour."""
     if targets.size < 3:
@@ -114,19 +136,28 @@ def _ordered(targets: Int[np.ndarray, "part"], between: Float[np.ndarray, "all a
     return targets[short(inside)]
 
 
-def _spaced(game: Game, order: _Order, robots: int) -> Iterator[Route]:
-    """Yield the routes of robots that follow a tour at equal intervals."""
+def spaced(
+    game: Game, order: _Order, robots: int, stays: Mapping[int, float] | None = None
+) -> Iterator[Route]:
+    """Yield the routes of robots that follow a tour at equal intervals.
+
+    `stays` has durations for which a robot stays at a vertex, when it first comes there."""
     vertex, begins, duration = game.walk(order)
     if not duration:
         for _ in range(robots):
             yield Route(vertex, np.zeros(1), np.ones(1), 1.0)
         return
+    stay = np.zeros(vertex.size)
+    for place, lasts in (stays or {}).items():
+        stay[int(np.argmax(vertex == place))] = lasts
+    begins = begins + np.cumsum(stay) - stay
+    duration += float(stay.sum())
     for robot in range(robots):
         ahead = robot * duration / robots
         arrive = (begins + (np.floor(ahead) if game.whole else ahead)) % duration
-        first = int(arrive.argmin())
-        arrive = np.roll(arrive, -first)
-        yield Route(np.roll(vertex, -first), arrive, arrive, duration)
+        turn = -int(arrive.argmin())
+        arrive = np.roll(arrive, turn)
+        yield Route(np.roll(vertex, turn), arrive, arrive + np.roll(stay, turn), duration)
 
 
 def _late(game: Game, order: _Order) -> float:

@@ -3,7 +3,7 @@
 A set of targets is a number whose bits are its members.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -116,19 +116,31 @@ def best_partition(
         return most
 
     robots = min(robots, MOST_ROBOTS)
-    costs = [cost(several) for several in range(1, robots + 1)]
-    best, taken = [costs[0]], [np.zeros((len(tours), 2), np.int64)]
-    taken[0][:, 0], taken[0][:, 1] = np.arange(len(tours)), 1
+    yield best_division([cost(several) for several in range(1, robots + 1)], np.maximum)
+
+
+def best_division(
+    costs: Sequence[Float[np.ndarray, "sets"]], together: np.ufunc
+) -> list[tuple[list[int], int]]:
+    """Divide all targets among robots at the least cost.
+
+    **Arguments:** `costs[n - 1]`, the cost of each set on a tour of `n` robots, and how the costs
+    of two tours are joined, `np.maximum` or `np.add`. **Returns:** the targets and the number of
+    robots of each tour; robots may be left over.
+    """
+    robots, whole = len(costs), len(costs[0]) - 1
+    best, taken = [costs[0]], [np.zeros((whole + 1, 2), np.int64)]
+    taken[0][:, 0], taken[0][:, 1] = np.arange(whole + 1), 1
     for several in range(2, robots + 1):
-        least, choice = costs[several - 1].copy(), np.zeros((len(tours), 2), np.int64)
-        choice[:, 0], choice[:, 1] = np.arange(len(tours)), several
-        sets = [whole] if several == robots else range(1, len(tours))
+        least, choice = costs[several - 1].copy(), np.zeros((whole + 1, 2), np.int64)
+        choice[:, 0], choice[:, 1] = np.arange(whole + 1), several
+        sets = [whole] if several == robots else range(1, whole + 1)
         for one in sets:
             # The first member is in the part that is taken.
             low = one & -one
             parts = subsets_of(one ^ low) | low
             for own in range(1, several):
-                both = np.maximum(costs[own - 1][parts], best[several - own - 1][one ^ parts])
+                both = together(costs[own - 1][parts], best[several - own - 1][one ^ parts])
                 k = int(both.argmin())
                 if both[k] < least[one]:
                     least[one], choice[one] = both[k], (parts[k], own)
@@ -137,6 +149,6 @@ def best_partition(
     groups, left, several = [], whole, robots
     while left and several:
         part, own = taken[several - 1][left].tolist()
-        groups.append((members(part), own))
+        groups.append((part, own))
         left, several = left ^ part, several - own
-    yield groups
+    return [(members(part), own) for part, own in groups]

@@ -109,15 +109,15 @@ class PatrolGuard(_Rounds):
         memory.check(_BYTES * targets * vertices, doing, "expected fewer targets")
         say(f"seeking {doing}")
         beside = Secondary()
-        found = patrol.rounds.best_rounds(game)
+        routes = patrol.rounds.best_routes(game)
         say("computing bounds")
         bound = beside.compute("the bound", lambda: patrol.rounds.bound(game))
         walks = None
-        if found.evaluation.exposure.any():
+        if patrol.rounds.evaluate(game, routes).exposure.any():
             say("seeking independent walks, to compare")
             walks = beside.compute("the comparison with walks", lambda: _walks(game))
         return patrol.rounds.Guarded.of(
-            game, found.routes, bound=bound, walks_capture=walks, left_out=beside.left_out
+            game, routes, bound=bound, walks_capture=walks, left_out=beside.left_out
         )
 
     def game(self) -> "patrol.rounds.Game":

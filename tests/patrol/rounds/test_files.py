@@ -1,5 +1,6 @@
 """Files of games, routes and timetables, and their errors."""
 
+import copy
 import csv
 import json
 
@@ -11,8 +12,10 @@ from jaxcell.patrol import Graph
 from jaxcell.patrol.files import load_ways
 from jaxcell.patrol.rounds import (
     Game,
+    Route,
     best_rounds,
     evaluate,
+    is_game,
     load_game,
     load_routes,
     save_game,
@@ -73,6 +76,9 @@ def test_timetable_lists_each_visit_of_the_night(game, tmp_path):
         (lambda g: g.update(robots=0), "robots: expected a whole number"),
         (lambda g: g.update(unit="h"), "unit: expected s or steps, got 'h'"),
         (lambda g: g.update(version=2), "version: expected at most 1"),
+        (lambda g: g.update(robot=2), "robot: there is no such field; did you mean robots"),
+        (lambda g: g["targets"][0].update(worth=2), r"targets\[0\].worth: .* known are vertex"),
+        (lambda g: g.update(adversary="god"), "adversary: expected blind or watcher, got 'god'"),
     ],
 )
 def test_wrong_games_are_refused(game, tmp_path, change, message):
@@ -117,11 +123,64 @@ def test_loops_and_longer_parallel_edges_are_left_out(tmp_path):
     for read in load_ways(ways), load_ways(tmp_path / "ways.graphml"):
         assert read.ends.tolist() == [[0, 1], [1, 0]]
         assert read.lengths.tolist() == [4.0, 5.0]
-        assert [line.split()[:2] for line in read.omitted] == [["1", "loops"], ["1", "parallel"]]
+        assert [line.split()[:2] for line in read.omitted] == [["1", "loop"], ["1", "parallel"]]
     undirected = load_ways(nx.MultiGraph([(0, 1), (0, 1), (1, 2), (2, 2)]))
     assert undirected.ends.tolist() == [[0, 1], [1, 2], [1, 0], [2, 1]]
     assert len(undirected.omitted) == 2
     assert load_ways(Graph([[0, 1]])).lengths is None
+
+
+def test_loops_and_parallel_ways_of_a_game_are_left_out(game, tmp_path):
+    save_game(game, tmp_path / "game.json")
+    document = json.loads((tmp_path / "game.json").read_text())
+    first = document["ways"][0]
+    document["ways"] += [{"from": "a", "to": "a", "time": 1}, first | {"time": 99}]
+    (tmp_path / "game.json").write_text(json.dumps(document))
+    read = load_game(tmp_path / "game.json")
+    assert read.times.tolist() == game.times.tolist()
+    assert read.omitted == (
+        "1 loop is left out: a robot can wait at a vertex",
+        "1 parallel edge is left out: the shortest of them is used",
+    )
+
+
+def test_file_cut_short_is_named(tmp_path):
+    (tmp_path / "game.json").write_text('{"vertices": [')
+    with pytest.raises(ValueError, match=r"game.json: not valid JSON, or cut short"):
+        is_game(tmp_path / "game.json")
+
+
+@pytest.mark.parametrize(
+    ("vertex", "time", "period", "message"),
+    [
+        ([0, 2], [0.0, 3.0], 12.0, r"routes\[0\].visits\[0\]: there is no way"),
+        ([0, 1], [0.0, 1.0], 12.0, "'a' to 'b' takes 3 s, and the robot has 1"),
+        ([0, 1], [0.0, float("nan")], 12.0, "times decrease"),
+        ([0, 1], [3.0, 0.0], 12.0, "times decrease"),
+        ([0, 1], [0.0, 3.0], float("nan"), "a period above 0"),
+        ([0, 9], [0.0, 3.0], 12.0, "expected vertices from 0 to 3"),
+        ([], [], 12.0, "expected visits"),
+    ],
+)
+def test_routes_from_python_are_checked(game, vertex, time, period, message):
+    at = np.array(time)
+    route = Route(np.array(vertex, int), at, at, period)
+    with pytest.raises(ValueError, match=message):
+        evaluate(game, [route])
+
+
+def test_there_are_not_more_routes_than_robots(game):
+    routes = best_rounds(game).routes
+    with pytest.raises(ValueError, match="routes: expected 1 to 2, one per robot, got 4"):
+        evaluate(game, routes * 2)
+
+
+def test_python_takes_no_other_adversary(game):
+    wrong = copy.copy(game)
+    # The type checker of these tests would refuse it first.
+    object.__setattr__(wrong, "adversary", "god")
+    with pytest.raises(ValueError, match="adversary: expected blind or watcher, got 'god'"):
+        wrong.__post_init__()
 
 
 def test_graph_without_lengths_has_no_speed():

@@ -58,7 +58,7 @@ def test_two_guards_of_14_rooms_need_90_seconds():
     )
     answer = Guarded.of(game, found.routes).answer
     assert answer[0].startswith("No intruder who needs 90.3 s escapes")
-    assert "can succeed for 0.292 s of each round" in answer[1]
+    assert "can succeed for 0.292 s of every 90.3 s" in answer[1]
     longer = Game.of(floor(), 95.0, robots=2, speed=1.2)
     assert Guarded.of(longer, found.routes).watched_capture == 1
 
@@ -180,7 +180,7 @@ def test_bound_on_capture_holds_for_walks_in_which_robots_may_do_anything(seed):
 def test_watcher_is_answered_first_for_a_watcher():
     game = Game.of(floor(), 90.0, robots=2, speed=1.2, adversary="watcher")
     guarded = Guarded.of(game, best_rounds(game).routes)
-    assert guarded.least_capture == 0
+    assert guarded.risk == 1
     assert guarded.answer[0].startswith("An adversary who sees the guards")
 
 
