@@ -1,4 +1,4 @@
-"""Sets that tolerate bumps at things that are not on the map, with robots that share no code with it."""
+"""Sets that tolerate bumps that are not on the map, with robots of an own simulation."""
 
 import math
 
