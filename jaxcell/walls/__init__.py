@@ -17,6 +17,10 @@ moved outward by the tolerance of the map, which covers the rounding of its coor
 distance between the arcs around corners and their chords. So a set always contains the robot if its
 errors are within their bounds.
 
+A robot may bump into a chair that is not on the map. Then it stands inside the room, as far along
+its run as it measured, and its next run begins there. `RelaxedFilter` follows the robots for which
+0, 1, ..., `q` bumps were not on the map, so its sets hold each robot with at most `q` such bumps.
+
 No part of this package imports JAX.
 """
 

@@ -195,14 +195,7 @@ class WallFilter(Shown):
         `None` stands for robots that have not driven yet. The set of a robot is empty if its runs
         are impossible from every place.
         """
-        least = np.atleast_1d(np.asarray(run, float))
-        if not (np.isfinite(least) & (least >= 0)).all():
-            raise ValueError("run: expected finite lengths in metres, from 0")
-        most = least
-        if self.step:
-            least = np.floor((least + self.boundary.tolerance) / self.step) * self.step
-            most = least + self.step
-        low, high = self.errors.bounds(least, most)
+        low, high = self.lengths(run)
         if state is not None:
             return observe(self.chords, state, low, high)
         if self.start is not None:
@@ -216,6 +209,17 @@ class WallFilter(Shown):
         count = [len(start.wall) for start in starts]
         parts = [np.concatenate([start[i] for start in starts]) for i in range(1, 5)]
         return WallSet(np.repeat(np.arange(len(starts)), count), *parts)
+
+    def lengths(self, run: Lengths) -> tuple[_Runs, _Runs]:
+        """Bound the true lengths of observed runs, in metres."""
+        least = np.atleast_1d(np.asarray(run, float))
+        if not (np.isfinite(least) & (least >= 0)).all():
+            raise ValueError("run: expected finite lengths in metres, from 0")
+        most = least
+        if self.step:
+            least = np.floor((least + self.boundary.tolerance) / self.step) * self.step
+            most = least + self.step
+        return self.errors.bounds(least, most)
 
     def turn(self, state: WallSet, angle: Lengths) -> WallSet:
         """Turn each robot left by an angle in radians, a multiple of the width of a slice."""

@@ -61,7 +61,7 @@ def observe(
     The headings of the sets are the headings of the runs. The set of a robot is empty if its run is
     impossible from every place.
     """
-    robot, row, begin, end = _leaving(chords, state, least, most)
+    robot, row, begin, end = leaving(chords, state, least, most)
     hit = chords.hit[row]
     arcs = chords.arc[:, :, row]
     ends = np.stack([arcs[:, 0] + arcs[:, 1] * begin, arcs[:, 0] + arcs[:, 1] * end])
@@ -83,7 +83,7 @@ def observe(
     return _with_corners(boundary, reached).joined()
 
 
-def _leaving(
+def leaving(
     chords: Chords,
     state: WallSet,
     least: Float[np.ndarray, "robots"],
@@ -177,7 +177,7 @@ def arrivals(chords: Chords, state: WallSet, least: Float[np.ndarray, "robots"])
     boundary = chords.boundary
     back = state._replace(slice=(state.slice + chords.slices // 2) % chords.slices)
     longest = np.full(least.size, boundary.diameter + chords.reach.max())
-    robot, row, begin, end = _leaving(chords, back, least, longest)
+    robot, row, begin, end = leaving(chords, back, least, longest)
     wall, hit = chords.wall[row], chords.hit[row]
     starts = [boundary.point(wall, arc) for arc in (begin, end)]
     corners = boundary.begin[hit], boundary.begin[boundary.following[hit]]

@@ -83,37 +83,42 @@ class StartRegion:
 
         The headings of the sets are those of the runs.
         """
-        return arrivals(chords, self._within(chords, state, least, most), least)
+        robots = least.size
+        places, radii = np.tile(self.place, (robots, 1)), np.full(robots, self.radius)
+        return arrivals(chords, at_distance(chords, state, places, radii, least, most), least)
 
-    def _within(
-        self,
-        chords: Chords,
-        state: WallSet,
-        least: Float[np.ndarray, "robots"],
-        most: Float[np.ndarray, "robots"],
-    ) -> WallSet:
-        """Reduce stretches to the places that are as far from the disc as the runs are long.
 
-        The ends of the runs from a point with the headings of a slice lie between two rays and two
-        lines across the middle of the slice. Each of these half-planes is moved by the radius.
-        """
-        boundary, robot = chords.boundary, state.robot
-        half = chords.width / 2 + boundary.tolerance / boundary.diameter
-        middle = state.slice * (2 * np.pi / chords.slices) + chords.width / 2
-        slack = self.radius + boundary.bulge[state.wall] + 2 * boundary.tolerance
-        offset, tangent = boundary.begin[state.wall] - self.place, boundary.tangent[state.wall]
-        begin, end = state.begin, state.end
-        for outward, bound in (
-            (middle - half - np.pi / 2, 0.0),
-            (middle + half + np.pi / 2, 0.0),
-            (middle, most[robot]),
-            (middle + np.pi, -least[robot] * np.cos(half)),
-        ):
-            normal = np.stack([np.cos(outward), np.sin(outward)], axis=1)
-            room = bound + slack - (offset * normal).sum(axis=1)
-            slope = (tangent * normal).sum(axis=1)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                edge = np.where(slope == 0, np.copysign(np.inf, room), room / slope)
-            end = np.where(slope >= 0, np.minimum(end, edge), end)
-            begin = np.where(slope < 0, np.maximum(begin, edge), begin)
-        return state._replace(begin=begin, end=end).take(begin <= end)
+def at_distance(
+    chords: Chords,
+    state: WallSet,
+    place: Float[np.ndarray, "robots 2"],
+    radius: Float[np.ndarray, "robots"],
+    least: Float[np.ndarray, "robots"],
+    most: Float[np.ndarray, "robots"],
+) -> WallSet:
+    """Reduce sets to places that are `least` to `most` metres ahead of a disc for each robot.
+
+    The discs have centres and radii in metres, and the headings of the sets are those of the runs.
+    The ends of the runs from a point with the headings of a slice lie between two rays and two
+    lines across the middle of the slice. Each of these half-planes is moved by the radius.
+    """
+    boundary, robot = chords.boundary, state.robot
+    half = chords.width / 2 + boundary.tolerance / boundary.diameter
+    middle = state.slice * (2 * np.pi / chords.slices) + chords.width / 2
+    slack = radius[robot] + boundary.bulge[state.wall] + 2 * boundary.tolerance
+    offset, tangent = boundary.begin[state.wall] - place[robot], boundary.tangent[state.wall]
+    begin, end = state.begin, state.end
+    for outward, bound in (
+        (middle - half - np.pi / 2, 0.0),
+        (middle + half + np.pi / 2, 0.0),
+        (middle, most[robot]),
+        (middle + np.pi, -least[robot] * np.cos(half)),
+    ):
+        normal = np.stack([np.cos(outward), np.sin(outward)], axis=1)
+        room = bound + slack - (offset * normal).sum(axis=1)
+        slope = (tangent * normal).sum(axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            edge = np.where(slope == 0, np.copysign(np.inf, room), room / slope)
+        end = np.where(slope >= 0, np.minimum(end, edge), end)
+        begin = np.where(slope < 0, np.maximum(begin, edge), begin)
+    return state._replace(begin=begin, end=end).take(begin <= end)
