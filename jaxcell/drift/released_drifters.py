@@ -10,9 +10,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..base.shown import Shown
+from ..mapping import Chain, ChainSequence
+from ..mapping.sequence import push_on_host
 from .advection import drifted, longest_step
-from .beaches import coast
+from .beaches import beaching, coast
+from .drift_step import METHODS
 from .flow import Flow
+from .maps import drift_map, refined
 from .positions import on_the_grid
 from .water import Water, square
 
@@ -141,3 +145,30 @@ def release_drifters(
         shore = np.where(ashore, cell, -1)
     columns, rows, cells, beached = map(np.stack, zip(*kept, strict=True))
     return Release(columns, rows, cells, beached, reached, shore)
+
+
+def push_release(
+    water: Water,
+    flow: Flow,
+    share: Float[np.ndarray, "cells"],
+    start: float,
+    times: Sequence[float],
+    halves: dict[str, float],
+) -> Float[np.ndarray, "times cells"]:
+    """Push a release through a map of cells from each time to the next."""
+    pushed, cell = [], np.zeros(0, int)
+    longest, at_coast = longest_step(water, flow), coast(water)
+    strands = np.isfinite(halves["afloat"])
+    if strands:
+        cell = np.flatnonzero(at_coast)
+        share = np.append(share, np.zeros(cell.size))
+    for begin, end in itertools.pairwise([0.0, *times]):
+        length = end - begin
+        step = refined(METHODS["drifters"], length, length / longest)
+        chain: Chain | ChainSequence = drift_map(water, flow, step, start=start + begin)
+        if strands:
+            chain, cell = beaching(chain, at_coast, length, **halves)
+        share = push_on_host(chain, share, 1)
+        pushed.append(share[: water.cells] + np.bincount(
+            cell, share[water.cells :], water.cells))  # fmt: skip
+    return np.stack(pushed)

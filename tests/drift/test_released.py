@@ -20,20 +20,22 @@ HOUR = 3600.0
 
 @pytest.fixture(scope="module")
 def spill(tmp_path_factory):
-    """A release in a file of eddies, in the middle of a square."""
-    path = tmp_path_factory.mktemp("release") / "eddies.nc"
-    write_currents(path, *eddies(shape=(24, 30), holes=0.0))
+    """A release in a file of eddies that change, in the middle of a square, after six hours."""
+    path, times = tmp_path_factory.mktemp("release") / "eddies.nc", np.array([1, 0.5, 1.3, 0.8, 1])
+    field = eddies(shape=(24, 30), holes=0.0)
+    write_currents(path, *(times[:, None, None] * along for along in field))
     points = PointDrifters(path)
     place = points.lon[14], points.lat[12]
     start = ",".join(map(str, place))
-    return path, points, place, study.Release(file=(path,), start=start, until=1.0, at=(0.5,)).run()
+    given = {"start": start, "on": "2020-01-01T06:00", "until": 1.0, "at": (0.5,)}
+    return path, points, place, study.Release(file=(path,), **given).run()
 
 
 def test_place_spread_and_cells_are_those_of_points_drifted_outside_the_library(spill):
     _, points, (east, north), found = spill
     off = np.random.default_rng(5).uniform(-0.5, 0.5, (2, 20_000)) * SIDE
     for row, hours in enumerate((12, 24)):
-        lon, lat, left = points.drift(east + off[0], north + off[1], hours * HOUR, 300.0)
+        lon, lat, left = points.drift(east + off[0], north + off[1], hours * HOUR, 300.0, 6 * HOUR)
         assert found.hours[row] == hours
         assert found.left[row] == pytest.approx(left.mean(), abs=0.01)
         lon, lat = lon[~left], lat[~left]

@@ -1,6 +1,5 @@
 import dataclasses
 import functools
-import itertools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar
 
@@ -10,16 +9,11 @@ from jaxtyping import Bool, Float, Int
 from ...base.formatting import counted, in_time, percent
 from ...base.quantities import Result, derived, quantity
 from ...currents.sphere import EARTH_RADIUS, on_sphere
-from ...mapping import Chain, ChainSequence
-from ...mapping.sequence import push_on_host
-from ..advection import longest_step
-from ..beaches import beaching, coast
-from ..drift_step import METHODS
+from ..beaches import coast
 from ..flow import Flow
 from ..intervals import clopper_pearson
-from ..maps import drift_map, refined
 from ..positions import in_degrees
-from ..released_drifters import Release, release_drifters
+from ..released_drifters import Release, push_release, release_drifters
 from ..validation.simulated_drifters import total_variation
 from ..water import Water, square
 from .sentences import name_place
@@ -121,7 +115,7 @@ class Released(Result):
         begin, _ = water.at(*square(*points))
         share = np.bincount(begin, minlength=water.cells) / begin.size
         say("mapping the release on cells")
-        by_chain = _pushed(water, flow, share, start, times, halves)
+        by_chain = push_release(water, flow, share, start, times, halves)
         hours = np.array(times, float) / 3600
         return cls(water, hours, np.array([*names, "a coast"]), drifters, by_chain, **about)
 
@@ -158,33 +152,23 @@ class Released(Result):
         after = np.round(self.hours * 3600).astype("timedelta64[s]")
         return np.datetime_as_string(self.on.astype("datetime64[s]") + after, unit="m")
 
-    @_at("mean longitude of drifters on the map", "degrees_east")
-    def centre_lon(self) -> Float[np.ndarray, "times"]:
-        return self._centres[0]
-
-    @_at("mean latitude", "degrees_north")
-    def centre_lat(self) -> Float[np.ndarray, "times"]:
-        return self._centres[1]
-
-    @_at("spread: root mean square distance from the mean", "km")
-    def spread(self) -> Float[np.ndarray, "times"]:
-        return np.array([np.sqrt(np.mean(away**2)) for away in self._distances])
-
-    @_at("radius around the mean with nine tenths of the drifters", "km")
-    def radius(self) -> Float[np.ndarray, "times"]:
-        return np.array([np.quantile(away, 0.9) for away in self._distances])
-
-    @_at("fewest cells with nine tenths of the drifters on the map", kind="count")
-    def likely_cells(self) -> Int[np.ndarray, "times"]:
-        return np.array([likely(share, 0.9).sum() for share in self._shares])
-
-    @_at("stranded", "1", kind="share")
-    def ashore(self) -> Float[np.ndarray, "times"]:
-        return self.drifters.stranded.mean(axis=1)
-
-    @_at("off the map", "1", kind="share")
-    def left(self) -> Float[np.ndarray, "times"]:
-        return (self.drifters.cell < 0).mean(axis=1)
+    centre_lon = _at("mean longitude of drifters on the map", "degrees_east")(
+        lambda found: found._centres[0]
+    )
+    centre_lat = _at("mean latitude", "degrees_north")(lambda found: found._centres[1])
+    spread = _at("spread: root mean square distance from the mean", "km")(
+        lambda found: np.array([np.sqrt(np.mean(away**2)) for away in found._distances])
+    )
+    radius = _at("radius around the mean with nine tenths of the drifters", "km")(
+        lambda found: np.array([np.quantile(away, 0.9) for away in found._distances])
+    )
+    likely_cells = _at("fewest cells with nine tenths of the drifters on the map", kind="count")(
+        lambda found: np.array([likely(share, 0.9).sum() for share in found._shares])
+    )
+    ashore = _at("stranded", "1", kind="share")(lambda found: found.drifters.stranded.mean(axis=1))
+    left = _at("off the map", "1", kind="share")(
+        lambda found: (found.drifters.cell < 0).mean(axis=1)
+    )
 
     @_at("spread by the chain of cells", "km")
     def chain_spread(self) -> Float[np.ndarray, "times"]:
@@ -205,66 +189,48 @@ class Released(Result):
         halves = [_shares(self.drifters.cell[:, k::2], self.water.cells) for k in (0, 1)]
         return np.array([total_variation(*pair) / 2 for pair in zip(*halves, strict=True)])
 
-    @_on_map("probability that a drifter is in the cell")
-    def share(self) -> Float[np.ndarray, "times rows columns"]:
-        return self._on_map(self._shares)
-
-    @_on_map("1 in 40 below")
-    def low(self) -> Float[np.ndarray, "times rows columns"]:
-        return self._on_map(self._limits[0])
-
-    @_on_map("1 in 40 above")
-    def high(self) -> Float[np.ndarray, "times rows columns"]:
-        return self._on_map(self._limits[1])
-
-    @_on_map("probability by the chain of cells")
-    def chain_share(self) -> Float[np.ndarray, "times rows columns"]:
-        return self._on_map(self.by_chain)
-
-    @_of_region("probability of an arrival", "1", kind="share")
-    def arrival(self) -> Float[np.ndarray, "regions"]:
-        return self._arrived / self.released
-
-    @_of_region("1 in 40 below", "1", kind="share")
-    def arrival_low(self) -> Float[np.ndarray, "regions"]:
-        return clopper_pearson(self._arrived, self.released)[0]
-
-    @_of_region("1 in 40 above", "1", kind="share")
-    def arrival_high(self) -> Float[np.ndarray, "regions"]:
-        return clopper_pearson(self._arrived, self.released)[1]
-
-    @_of_region("time until a tenth of those that arrive are there", "h")
-    def arrival_first(self) -> Float[np.ndarray, "regions"]:
-        return self._arrival_hours[:, 0]
-
-    @_of_region("time until half of them are there", "h")
-    def arrival_median(self) -> Float[np.ndarray, "regions"]:
-        return self._arrival_hours[:, 1]
-
-    @_of_region("time until nine tenths of them are there", "h")
-    def arrival_last(self) -> Float[np.ndarray, "regions"]:
-        return self._arrival_hours[:, 2]
-
-    @_of_stretch("mean longitude of a stretch of coast", "degrees_east")
-    def stretch_lon(self) -> Float[np.ndarray, "stretches"]:
-        return self._stretches[0]
-
-    @_of_stretch("mean latitude", "degrees_north")
-    def stretch_lat(self) -> Float[np.ndarray, "stretches"]:
-        return self._stretches[1]
+    share = _on_map("probability that a drifter is in the cell")(
+        lambda found: found._on_map(found._shares)
+    )
+    low = _on_map("1 in 40 below")(lambda found: found._on_map(found._limits[0]))
+    high = _on_map("1 in 40 above")(lambda found: found._on_map(found._limits[1]))
+    chain_share = _on_map("probability by the chain of cells")(
+        lambda found: found._on_map(found.by_chain)
+    )
+    arrival = _of_region("probability of an arrival", "1", kind="share")(
+        lambda found: found._arrived / found.released
+    )
+    arrival_low = _of_region("1 in 40 below", "1", kind="share")(
+        lambda found: clopper_pearson(found._arrived, found.released)[0]
+    )
+    arrival_high = _of_region("1 in 40 above", "1", kind="share")(
+        lambda found: clopper_pearson(found._arrived, found.released)[1]
+    )
+    arrival_first = _of_region("time until a tenth of those that arrive are there", "h")(
+        lambda found: found._arrival_hours[:, 0]
+    )
+    arrival_median = _of_region("time until half of them are there", "h")(
+        lambda found: found._arrival_hours[:, 1]
+    )
+    arrival_last = _of_region("time until nine tenths of them are there", "h")(
+        lambda found: found._arrival_hours[:, 2]
+    )
+    stretch_lon = _of_stretch("mean longitude of a stretch of coast", "degrees_east")(
+        lambda found: found._stretches[0]
+    )
+    stretch_lat = _of_stretch("mean latitude", "degrees_north")(lambda found: found._stretches[1])
 
     @_of_stretch("drifters that come ashore there, or first to a coast if none strands", "1",
                  kind="share")  # fmt: skip
     def stretch_share(self) -> Float[np.ndarray, "stretches"]:
         return self._stretches[2] / self.released
 
-    @_of_stretch("1 in 40 below", "1", kind="share")
-    def stretch_low(self) -> Float[np.ndarray, "stretches"]:
-        return clopper_pearson(self._stretches[2].astype(int), self.released)[0]
-
-    @_of_stretch("1 in 40 above", "1", kind="share")
-    def stretch_high(self) -> Float[np.ndarray, "stretches"]:
-        return clopper_pearson(self._stretches[2].astype(int), self.released)[1]
+    stretch_low = _of_stretch("1 in 40 below", "1", kind="share")(
+        lambda found: clopper_pearson(found._stretches[2].astype(int), found.released)[0]
+    )
+    stretch_high = _of_stretch("1 in 40 above", "1", kind="share")(
+        lambda found: clopper_pearson(found._stretches[2].astype(int), found.released)[1]
+    )
 
     @property
     def attributes(self) -> Mapping[str, Any]:
@@ -390,33 +356,6 @@ def likely(share: Float[np.ndarray, "cells"], part: float) -> Bool[np.ndarray, "
     chosen = np.zeros(share.size, bool)
     chosen[order] = (before < part * share.sum()) & (share[order] > 0)
     return chosen
-
-
-def _pushed(
-    water: Water,
-    flow: Flow,
-    share: Float[np.ndarray, "cells"],
-    start: float,
-    times: Sequence[float],
-    halves: dict[str, float],
-) -> Float[np.ndarray, "times cells"]:
-    """Push a release through a map of cells from each time to the next."""
-    pushed, cell = [], np.zeros(0, int)
-    longest, at_coast = longest_step(water, flow), coast(water)
-    strands = np.isfinite(halves["afloat"])
-    if strands:
-        cell = np.flatnonzero(at_coast)
-        share = np.append(share, np.zeros(cell.size))
-    for begin, end in itertools.pairwise([0.0, *times]):
-        length = end - begin
-        step = refined(METHODS["drifters"], length, length / longest)
-        chain: Chain | ChainSequence = drift_map(water, flow, step, start=start + begin)
-        if strands:
-            chain, cell = beaching(chain, at_coast, length, **halves)
-        share = push_on_host(chain, share, 1)
-        pushed.append(share[: water.cells] + np.bincount(
-            cell, share[water.cells :], water.cells))  # fmt: skip
-    return np.stack(pushed)
 
 
 def _shares(

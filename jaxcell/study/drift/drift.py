@@ -1,12 +1,13 @@
 import contextlib
 import dataclasses
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import tyro
 
-from ... import drift, record, space
+from ... import drift, record, space, verify as verification
 from ...base import memory
 from ..parameters import (
     AtLeastOne,
@@ -218,6 +219,9 @@ class Drift(CurrentStudy):
         rules["current"] = self.current or ("mean" if self._mean else "changing")
         of_result = {"depths_m": result.depths, "duration_s": result.step}
         return {**super().spec(result), **rules, **of_result}
+
+    def verify(self, result: Any) -> "Sequence[verification.Comparison]":
+        return verification.compare_drift(result)
 
     def write(self, result: "drift.SeaDrift", out: Path) -> None:
         record.save_deployment(result, out / "deployment.csv")

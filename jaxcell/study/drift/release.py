@@ -1,12 +1,11 @@
 import dataclasses
 import math
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
-from ... import drift, record, verify as verification
+from ... import drift, record
 from ...base import memory
 from ..parameters import Days, Duration, Headings, Length, Limit, Metres, Only
 from ..study import Say, about, numbers, silent
@@ -129,9 +128,6 @@ class Release(CurrentStudy):
 
     def write(self, result: "drift.Released", out: Path) -> None:
         record.save_release(result, out / "release.geojson")
-
-    def verify(self, result: Any) -> "Sequence[verification.Comparison]":
-        return []
 
     @property
     def _place(self) -> tuple[float, float] | None:

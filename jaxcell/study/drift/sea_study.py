@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import tyro
 
-from ... import drift, verify as verification
+from ... import drift
 from ..parameters import Limit, Share, Unit
 from ..study import Study
 
@@ -40,9 +40,6 @@ class SeaStudy(Study):
 
     def headline(self, spec: dict[str, Any]) -> str:
         return str(spec["file"])
-
-    def verify(self, result: Any) -> "Sequence[verification.Comparison]":
-        return verification.compare_drift(result)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
