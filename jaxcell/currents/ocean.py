@@ -27,6 +27,15 @@ from .velocity import Velocity, choose_velocity
 _LEAST_RATIO_OF_SIDES = 5e-6
 
 
+def read_moments(
+    path: Source, *, grid: Source | None = None, variables: Sequence[str] | None = None
+) -> Shaped[np.ndarray, " records"]:
+    """Read the time of each record of currents; the arguments are those of [`open_currents`][]."""
+    with open_source(path, grid) as file:
+        file, velocity = choose_velocity(file, variables)
+        return record_times(file, velocity.u_axes.time).values
+
+
 def open_currents(
     path: Source,
     *,

@@ -53,6 +53,9 @@ few drifters leave in a time; `closed_sets_seconds` foretells how long the searc
 without cells, and `compare` compares the chain with them. `ftle` (the finite-time Lyapunov
 exponent), `ridges` and `agreement` compare the borders of groups with coherent structures.
 
+**A release.** `Released` has the drifters of one release, simulated in the current as it changes:
+probabilities with exact intervals, arrivals and beaching, beside what the chain gives for them.
+
 **Observed drifters.** `open_trajectories` reads positions of drifters or of the particles of a
 model. `count_moves` counts moves between cells in a fixed time; the cells are `boxes` of longitude
 and latitude, or the cells of a model. The shares of moves are the probabilities of a chain.

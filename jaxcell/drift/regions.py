@@ -10,7 +10,6 @@ import jax
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
-import scipy.special
 import shapely
 from jaxtyping import Bool, Float, Int
 
@@ -23,12 +22,11 @@ from ..mapping.sequence import as_sequence, push_on_host
 from ..markov.hitting import leaving_times
 from .advection import drifted, longest_step
 from .flow import Flow, steps_in
+from .intervals import clopper_pearson
 from .long_term import LongTermBehaviour
 from .water import Water
 
 
-# The probability beyond each end of a confidence interval.
-_TAIL = 0.025
 # Longitudes of polygons may differ from the longitudes of cells by 360 degrees.
 _TURNS = (0.0, -360.0, 360.0)
 _share = functools.partial(derived, "region to_region", kind="share", listed=True)
@@ -128,22 +126,11 @@ class Exchange(Result):
 
     @_share("1 in 40 below")
     def low(self) -> Float[np.ndarray, "regions regions"] | None:
-        return self._bound(upper=0)
+        return None if self.arrived is None else clopper_pearson(self.arrived, self.released)[0]
 
     @_share("1 in 40 above")
     def high(self) -> Float[np.ndarray, "regions regions"] | None:
-        return self._bound(upper=1)
-
-    def _bound(self, upper: int) -> Float[np.ndarray, "regions regions"] | None:
-        """Compute the lower (0) or upper (1) confidence limit of Clopper and Pearson (1934)."""
-        if self.arrived is None:
-            return None
-        seen = self.arrived
-        others = self.released - seen + 1 - upper
-        level = abs(upper - _TAIL)
-        bound = scipy.special.betaincinv(np.maximum(seen + upper, 1), np.maximum(others, 1), level)
-        bound[seen == (self.released if upper else 0)] = upper
-        return np.asarray(bound)
+        return None if self.arrived is None else clopper_pearson(self.arrived, self.released)[1]
 
     @derived("region", "share of its drifters that are off the map then", kind="share")
     def left(self) -> Float[np.ndarray, "regions"]:

@@ -1,6 +1,7 @@
 from .bounce.cells_by_direction import save_cells as save_cells
 from .data.dataset import dataset as dataset, save_dataset as save_dataset
 from .data.deployment_files import save_deployment as save_deployment
+from .data.release_files import save_release as save_release
 from .data.summary import summary as summary
 from .figures.plot import plot as plot
 from .figures.rounds import save_rounds as save_rounds

@@ -24,6 +24,7 @@ _FAMILIES = {
     "ObservedDrift": "drift.observed:log_observed_drift",
     "PatrolledMap": "patrol.map:log_patrol_map",
     "Plan": "bounce.navigation:log_navigation",
+    "Released": "drift.released:log_released",
     "Slipped": "bounce.slipping:log_slip",
     "SeaDrift": "drift.sea:log_drift",
     "TeamTrajectory": "bounce.team:log_team",

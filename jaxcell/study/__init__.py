@@ -37,6 +37,7 @@ from .bounce.rooms import Rooms as Rooms
 from .bounce.team import Team as Team
 from .drift.drift import Drift as Drift
 from .drift.observed_drifters import Drifters as Drifters
+from .drift.release import Release as Release
 from .dynamics import Dynamics as Dynamics
 from .escape import Escape as Escape
 from .map_study import CellStudy as CellStudy, MapStudy as MapStudy
@@ -79,6 +80,7 @@ STUDIES: tuple[type[Study], ...] = (
     PatrolGuard,
     PatrolMap,
     Plans,
+    Release,
     Rooms,
     Team,
 )

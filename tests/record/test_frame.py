@@ -10,12 +10,12 @@ from seas import drift_of, land_of_the_channel, sea
 
 from jaxcell import drift
 from jaxcell.currents.sphere import EARTH_RADIUS
+from jaxcell.drift.positions import on_the_grid
 from jaxcell.record.drift.frame import (
     _coasts,
     _ticks,
     latitude,
     longitude,
-    on_the_grid,
     place_name,
     round_below,
 )

@@ -66,6 +66,7 @@ CASES = {
     "patrol map at a base": "@lab_a --range 3 --attack-times 4 --runs 50 --base auto",
     "plans": "@lab_a --bounce 45 135",
     "stone": "--height 20 --winds 3",
+    "release": "@gyres --depth 0 --start=-117.93,33.5 --until 0.1 --precision 0.1",
     "rooms": "--room 1 --bounce 45 90 --columns 9 --rows 7 --obstacles 2 --directions 8",
     "team": "@lab_a --robots 2 --bounce 135",
 }

@@ -70,7 +70,7 @@ def _dropped(drift: Any) -> str | None:
         if (held := within.sum()) >= _NAMED_SHARE:
             kind = f" in set {sets.rank[number]}" if number >= 0 else ""
             parts.append(
-                (held, f"{held:.0%} are{kind} around {_place(*surface.water.centre(within))}")
+                (held, f"{held:.0%} are{kind} around {name_place(*surface.water.centre(within))}")
             )
     listed = "; ".join([text for _, text in sorted(parts, reverse=True)] or ["none is on the map"])
     gone = f"{1 - share.sum():.0%} have left the map"
@@ -92,7 +92,7 @@ def _gathering(drift: Any) -> str:
         within = np.where(label == number, share, 0.0)
         held = float(within.sum())
         at = surface.water.centre(within) if held else (sets.lon[number], sets.lat[number])
-        place = _place(*at)
+        place = name_place(*at)
         parts.append(
             f"{held:.0%} in set {sets.rank[number]} around {place} (of its own drifters "
             f"{sets.leakage[number]:.1%} are outside it after {window})"
@@ -200,7 +200,8 @@ def _diffusion(drift: Any) -> str | None:
     return f"Drifters diffuse by {wanted:g} m²/s, to which the grid adds {grid:.3g} m²/s."
 
 
-def _place(lon: float, lat: float) -> str:
+def name_place(lon: float, lat: float) -> str:
+    """Format a position in degrees, to a hundredth, with its hemispheres."""
     east, north = "W" if lon < 0 else "E", "S" if lat < 0 else "N"
     return f"{abs(lat):.2f}° {north} {abs(lon):.2f}° {east}"
 

@@ -5,12 +5,12 @@ from collections.abc import Iterator
 
 import numpy as np
 import rerun as rr
-from jaxtyping import Float, Int
-from scipy.spatial import cKDTree
+from jaxtyping import Float
 
 from ...currents.land import read_land
-from ...currents.sphere import EARTH_RADIUS, on_sphere, wrapped
+from ...currents.sphere import EARTH_RADIUS, wrapped
 from ...drift import Water
+from ...drift.positions import on_the_grid
 from ..canvas.marks import log_arrows, log_labels, log_lines
 from ..canvas.palette import TEXT, Color
 
@@ -54,31 +54,6 @@ def log_frame(
             labels.append((name, -1.6 * margin, place + 0.4 * margin))
     log_lines(stream, "map/frame/ticks", ticks, TEXT, 1.0, order=50.0)
     log_labels(stream, "map/frame/labels", labels)
-
-
-def on_the_grid(
-    water: Water, lon: Float[np.ndarray, "points"], lat: Float[np.ndarray, "points"]
-) -> tuple[Float[np.ndarray, "points 2"], Int[np.ndarray, "points"]]:
-    """Convert positions in degrees, on or off a grid, to columns and rows of the grid.
-
-    A position is the column and row of the nearest square, plus the offset from the centre of this
-    square along the axes of the grid, in multiples of its width and height.
-
-    **Returns:** the columns and rows, and the index of the nearest square in the flattened grid.
-    """
-    known = np.flatnonzero(np.isfinite(water.lon + water.lat).ravel())
-    grid_lon, grid_lat = water.lon.ravel()[known], water.lat.ravel()[known]
-    _, near = cKDTree(on_sphere(grid_lon, grid_lat).T).query(on_sphere(lon, lat).T)
-    square = known[near]
-    row, column = np.unravel_index(square, water.number.shape)
-    degree = math.radians(1) * EARTH_RADIUS
-    east = wrapped(lon - grid_lon[near]) * degree * np.cos(np.radians(grid_lat[near]))
-    north = (lat - grid_lat[near]) * degree
-    angle, dx, dy = (values.ravel()[square] for values in (water.angle, water.dx, water.dy))
-    cos, sin = np.cos(angle), np.sin(angle)
-    x = column + (east * cos + north * sin) / dx
-    y = row + (north * cos - east * sin) / dy
-    return np.stack([x, y], axis=-1), square
 
 
 def _coasts(water: Water, coastline: str) -> Iterator[Float[np.ndarray, "points 2"]]:

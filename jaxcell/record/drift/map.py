@@ -7,7 +7,7 @@ cell is a pixel of a picture even if the grid is rotated; an arrow points north.
 import functools
 import math
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 import rerun as rr
@@ -15,7 +15,7 @@ import rerun.blueprint as rrb
 from jaxtyping import Bool, Float, Int, Integer
 from scipy.ndimage import distance_transform_edt
 
-from ...drift import Flow, SeaDrift
+from ...drift import Flow, Released, SeaDrift
 from ...drift.results.layered_result import LayeredResult
 from ..canvas.map import log_pictures
 from ..canvas.marks import log_arrows, log_labels
@@ -49,8 +49,10 @@ class Clock:
     enough to show all times of the currents.
     """
 
-    def __init__(self, drift: LayeredResult) -> None:
+    def __init__(self, drift: LayeredResult | Released) -> None:
         total, start = _MIN_STEPS * drift.step, None
+        if isinstance(drift, Released):
+            total, start = 3600 * float(drift.hours[-1]), drift.on
         if isinstance(drift, SeaDrift):
             total = max(3600 * drift.covered_hours, total)
             if drift.until is not None:
@@ -79,10 +81,11 @@ class SeaMap:
 
     dry: ClassVar[str] = "land"
     "The text in legends for the squares that are not cells."
-    drift: LayeredResult
+    drift: Any
+    "The result of the map: a `LayeredResult` or a `Released`."
 
     def __init__(
-        self, stream: rr.RecordingStream, drift: LayeredResult, clock: Clock, number: int
+        self, stream: rr.RecordingStream, drift: LayeredResult | Released, clock: Clock, number: int
     ) -> None:
         self.stream, self.drift, self.clock, self.number = stream, drift, clock, number
         self.water = drift.waters[number]
@@ -219,10 +222,10 @@ def shortened(
     return vectors * np.minimum(1, most / np.maximum(length, 1e-12))
 
 
-def log_maps(stream: rr.RecordingStream, drift: LayeredResult, kind: type[M]) -> list[M]:
+def log_maps(stream: rr.RecordingStream, drift: LayeredResult | Released, kind: type[M]) -> list[M]:
     """Create a map of the class `kind` for each layer, and log its water and its frame."""
     clock = Clock(drift)
-    count = min(len(drift.layers), _MAX_MAPS)
+    count = min(len(drift.waters), _MAX_MAPS)
     maps = [kind(stream, drift, clock, number) for number in range(count)]
     stream.log("map", rr.Transform3D(scale=[1, -1, 1]), static=True)
     stream.log("map/grid", rr.Transform3D(scale=[*maps[0].side.tolist(), 1]), static=True)
@@ -230,6 +233,8 @@ def log_maps(stream: rr.RecordingStream, drift: LayeredResult, kind: type[M]) ->
     for map in maps:
         wet = np.ones(map.water.cells, np.uint8)
         map.picture(f"water_{map.number}", classes, wet, order=-20.0)
-    coastline = drift.currents.attrs.get("coastline", "") if isinstance(drift, SeaDrift) else ""
+    coastline = "" if isinstance(drift, LayeredResult) else drift.coastline
+    if isinstance(drift, SeaDrift):
+        coastline = drift.currents.attrs.get("coastline", "")
     log_frame(stream, maps[0].water, maps[0].side, coastline)
     return maps

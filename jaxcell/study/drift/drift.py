@@ -1,13 +1,13 @@
 import contextlib
 import dataclasses
-import functools
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import tyro
 
-from ... import drift, record, space
+from ... import drift, record, space, verify as verification
 from ...base import memory
 from ..parameters import (
     AtLeastOne,
@@ -19,10 +19,9 @@ from ..parameters import (
     Metres,
     Only,
     Share,
-    Unit,
 )
 from ..study import Say, about, numbers, silent
-from .sea_study import Bounds, SeaStudy, Source
+from .sea_study import CurrentStudy, Source
 
 
 if TYPE_CHECKING:
@@ -39,7 +38,7 @@ _PLACES = {
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Drift(SeaStudy):
+class Drift(CurrentStudy):
     """Find where a current carries drifters, where to drop them, and how they reach a goal."""
 
     name: ClassVar[str] = "drift"
@@ -64,8 +63,6 @@ class Drift(SeaStudy):
     file: tyro.conf.Positional[Source] = dataclasses.field(kw_only=False)
     """Currents: NetCDF files (one per period, or one for u and one for v), a pattern such as
     "2016_*.nc", a Zarr store, an OPeNDAP address, or the bundled @gyres."""
-    grid: Path | None = None
-    """File of the grid, such as mesh_mask.nc of NEMO, if the files of currents lack the grid."""
     time: int | str | None = None
     """The only record to read: its number, from 0, or its time (2016-02-02T12:00). By default all
     records are read."""
@@ -75,14 +72,6 @@ class Drift(SeaStudy):
     (steady, which needs the least memory). By default changing, but mean with --method source."""
     depths: tuple[Metres, ...] = ()
     """Depths of layers in metres; by default those in the file or, if it has none, the surface."""
-    bounds: Bounds | None = None
-    """West, south, east and north limits of the region to read, in degrees."""
-    variables: tuple[str, str] | None = None
-    """Names of eastward and northward velocity variables, if the file does not identify them."""
-    windage: Share = 0.0
-    """Share of the wind speed to add to the current at the surface; the file must have wind."""
-    stokes: bool = False
-    """Add the Stokes drift of waves at the surface; the file must have the Stokes drift."""
     duration: Duration | None = None
     """Duration of a step in seconds. By default the duration at which the map agrees best with
     simulated drifters; with --method source the time in which drifters of the slowest layer move by
@@ -100,19 +89,6 @@ class Drift(SeaStudy):
     """Rule for drifters at a coast or at the edge of the map: they stay or move to a random
     neighbouring cell, as in Alam 2018 (uniform), or drift as elsewhere and may leave the map
     (exit). By default uniform with --method source, and otherwise exit."""
-    coast: Literal["hold", "slip", "strand"] = "hold"
-    """Rule for drifters that run ashore: they stay at the coast until the current carries them off,
-    and water slows down towards land (hold) or flows along it without friction (slip); or they
-    strand, and so leave the map (strand)."""
-    land: Path | None = None
-    """GeoJSON file or shapefile of land, for currents without a mask; by default the coastline of
-    Natural Earth."""
-    gaps: Literal["open", "land", "fill"] = "open"
-    """Treatment of squares without data that neither the mask nor the coastline marks as land: as
-    an open edge (open), as land (land), or as an open edge except holes of up to nine squares in
-    the water, which are filled with the velocity around them (fill)."""
-    diffusivity: Annotated[float, Unit("", "m2/s"), Limit(ge=0)] = 0.0
-    """Horizontal diffusivity in m2/s of the motion that the current does not resolve."""
     until: Annotated[Days | None, Limit(gt=0)] = None
     """Time in days after which the map is compared with simulated drifters; by default the median
     time until drifters reach a persistent group or leave the map, in whole days from 1 to 30."""
@@ -156,12 +132,8 @@ class Drift(SeaStudy):
 
     def currents(self) -> "xr.Dataset":
         """Read the currents from the files, with the options that the parameters give."""
-        names = "grid", "time", "bounds", "variables", "windage", "stokes", "land", "gaps"
-        options = {name: getattr(self, name) for name in names}
-        options |= {"depths": self.depths or None, "mean": self.current == "steady"}
-        # A dataset of the program cannot be a key of the cache.
-        read: Any = _currents if isinstance(self.file, tuple) else _currents.__wrapped__
-        return read(self.file, tuple(options.items()))
+        steady = self.current == "steady"
+        return self.read(time=self.time, depths=self.depths or None, mean=steady)
 
     def memory(self, written: bool = False) -> float | int:
         cells = [int(layer.sum()) for layer in self.currents().water.values]
@@ -248,6 +220,9 @@ class Drift(SeaStudy):
         of_result = {"depths_m": result.depths, "duration_s": result.step}
         return {**super().spec(result), **rules, **of_result}
 
+    def verify(self, result: Any) -> "Sequence[verification.Comparison]":
+        return verification.compare_drift(result)
+
     def write(self, result: "drift.SeaDrift", out: Path) -> None:
         record.save_deployment(result, out / "deployment.csv")
         record.save_deployment(result, out / "deployment.geojson")
@@ -289,18 +264,3 @@ class Drift(SeaStudy):
         with about(f"goal {self.goal}"):
             cell = int(waters[near[0]].cell(lon, lat))
         return cell + sum(water.cells for water in waters[: near[0]])
-
-
-# Cached, because all members of a sweep read the same currents.
-@functools.lru_cache(maxsize=8)
-def _currents(file: tuple[Path, ...], options: tuple[tuple[str, Any], ...]) -> "xr.Dataset":
-    from ...currents.netcdf import TooLargeError
-
-    named = dict(options)
-    try:
-        return drift.open_currents(file, **named)
-    except (TooLargeError, MemoryError) as error:
-        if named["time"] is not None or named["mean"]:
-            raise
-        steady = "or --current steady, which holds one record at a time"
-        raise type(error)(f"{error}; {steady}") from None

@@ -1,9 +1,10 @@
 import dataclasses
-from typing import Annotated, ClassVar, Literal
+from collections.abc import Sequence
+from typing import Annotated, Any, ClassVar, Literal
 
 import tyro
 
-from ... import drift, space
+from ... import drift, space, verify as verification
 from ...base import memory
 from ..parameters import AtLeastOne, Days, Degrees, Limit, WholeNumber
 from ..study import Say, about, silent
@@ -53,6 +54,9 @@ class Drifters(SeaStudy):
         longest = _MAX_MOVES * self.lag
         after = f" days, {_MAX_MOVES:,} times the lag"
         Limit(gt=0, le=longest).check("after", self.after, after)
+
+    def verify(self, result: Any) -> "Sequence[verification.Comparison]":
+        return verification.compare_drift(result)
 
     def run(self, say: Say = silent) -> "drift.ObservedDrift":
         say("reading trajectories")

@@ -1,0 +1,58 @@
+import json
+import os
+
+import numpy as np
+import shapely
+
+from ...base.paths import replacing
+from ...drift import Released
+from ...drift.positions import in_degrees
+from ...drift.results.released import likely
+
+
+_PARTS = (0.5, 0.9)
+# The corners of a square in cells from its centre, a little inside, so that they belong to it.
+_CORNERS = 0.4999999 * np.array([[-1, 1, 1, -1], [-1, -1, 1, 1]])
+
+
+def save_release(found: Released, path: str | os.PathLike[str]) -> None:
+    """Write where the drifters of a release are, as polygons of GeoJSON (RFC 7946).
+
+    A feature per time and part has the fewest cells that have half, or nine tenths, of the drifters
+    on the map; its properties are `hours` after the release, the `date`, and the `probability`.
+
+    **Arguments:**
+
+    - `found`: the result.
+    - `path`: the file to write or replace.
+
+    **Raises:** `FileNotFoundError` if the folder does not exist.
+
+    The surface of the bundled sea:
+
+        >>> from jaxcell import examples, record, study
+        >>> spill = study.Release(file="@gyres", start="-117.93,33.5", until=0.1, precision=0.1)
+        >>> found = spill.run()
+        >>> path = examples.folder() / "release.geojson"
+        >>> record.save_release(found, path)
+        >>> path.read_text()[:27]
+        '{"type": "FeatureCollection'
+    """
+    features, water = [], found.water
+    dates = [None] * found.hours.size if found.date is None else found.date.tolist()
+    for row, (hours, date) in enumerate(zip(found.hours.tolist(), dates, strict=True)):
+        share = np.nan_to_num(found.share[row])[water.row, water.column]
+        for part in _PARTS:
+            chosen = likely(share, part)
+            x, y = (
+                place[chosen][:, None] + off
+                for place, off in zip((water.column, water.row), _CORNERS, strict=True)
+            )
+            rings = np.stack(in_degrees(water, x, y), axis=-1).round(5)
+            shape = shapely.union_all(shapely.polygons(rings))
+            properties = {"hours": hours, "date": date, "probability": float(share[chosen].sum())}
+            geometry = shapely.geometry.mapping(shape)
+            features.append({"type": "Feature", "geometry": geometry, "properties": properties})
+    with replacing(path) as temporary:
+        collection = {"type": "FeatureCollection", "features": features}
+        temporary.write_text(json.dumps(collection) + "\n", encoding="utf-8")
