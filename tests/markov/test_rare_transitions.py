@@ -359,6 +359,27 @@ def test_quantiles_of_geometric_times(rare):
     np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
+def test_quantiles_of_a_line_uphill_are_those_of_an_exponential_distribution():
+    """In 64 bits, the time over its mean of 1e231 steps is exponential."""
+    matrix, levels = birth_and_death(np.full(300, 0.125), np.full(300, 0.75)), [0.05, 0.5, 0.95]
+    mean = markov.hitting_times(matrix, 300).value[0]
+    begin = time.process_time()
+    found = markov.passage_quantiles(matrix, 0, 300, levels)
+    assert time.process_time() - begin < 10
+    np.testing.assert_allclose(found, -np.log1p(-np.array(levels)) * mean, rtol=1e-11)
+
+
+def test_numbers_out_of_range_say_what_is_expected():
+    with pytest.raises(ValueError, match="levels: expected numbers above 0 and below 1"):
+        markov.passage_quantiles(examples.ruin(), 1, 3, [0.0, 1.0])
+    with pytest.raises(ValueError, match="target: cell 0 stands 2 times; a mask has booleans"):
+        markov.hitting_times(examples.walk(), [0, 0, 1])
+    matrix = np.array([[1, 1e-200], [0, 1]])
+    with pytest.raises(RuntimeError, match="above 1e308, too large for 64 bits"):
+        markov.passage_time_variance(matrix, 1)
+    assert markov.passage_time_variance(matrix, 1, throw=False).value.tolist() == [np.inf, 0]
+
+
 def test_quantiles_are_those_of_the_law_step_by_step(monkeypatch):
     matrix = random_matrix(4, sink=0.01)
     law = np.cumsum(np.asarray(markov.first_passage(matrix, 2, 7, 2000)))
