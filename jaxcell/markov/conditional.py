@@ -1,4 +1,5 @@
 import dataclasses
+import functools
 import math
 from typing import Any
 
@@ -14,7 +15,7 @@ from ..base.divided import put_on_device
 from ..base.precision import require_x64
 from ..base.wide import traced
 from ..mapping.classes import reaching
-from ..mapping.generalized import ChainLike
+from ..mapping.generalized import Chain, ChainLike
 from ..mapping.traced import like, on_host
 from .hitting import (
     TOLERANCE,
@@ -55,21 +56,28 @@ def arrival_probabilities(
     """
     require_x64("arrival_probabilities")
     there = cell_mask(chain.cells, target)
-    form = like(float, chain.cells), like(bool, chain.cells), *CERTIFIED
-    value, inside, products, error = on_host(_arrivals, form, chain, there)
-    certificate = Certificate(products, error, TOLERANCE)
-    certificate.check("arrival_probabilities", throw)
-    solution = Solution(put_on_device(expected(value, chain, inside, 0.0)), certificate)
+    solution, _ = arrivals(chain, there)
+    solution.certificate.check("arrival_probabilities", throw)
     return with_moved(solution, chain, arrival_probabilities, there)
 
 
-def _arrivals(matrix: scipy.sparse.csr_array, there: Cells) -> tuple[Any, ...]:
+def arrivals(chain: Chain, there: Any, *, by_entries: bool = False) -> tuple[Solution, Any]:
+    """Compute [`arrival_probabilities`][], and a bound on their relative errors."""
+    form = like(float, chain.cells), like(bool, chain.cells), *CERTIFIED, like(float)
+    compute = functools.partial(_arrivals, by_entries=by_entries)
+    value, inside, products, error, relative = on_host(compute, form, chain, there)
+    value = put_on_device(expected(value, chain, inside, 0.0))
+    return Solution(value, Certificate(products, error, TOLERANCE)), relative
+
+
+def _arrivals(matrix: scipy.sparse.csr_array, there: Cells, *, by_entries: bool) -> tuple[Any, ...]:
     check_target(there)
-    arrivals = Arrivals.of(matrix, there)
+    arrivals = Arrivals.of(matrix, there, by_entries=by_entries)
     inside = np.zeros(there.size, bool)
     inside[arrivals.part.cells] = True
     certificate = arrivals.certificate
-    return arrivals.value, inside, certificate.iterations, certificate.residual
+    about = certificate.iterations, certificate.residual, arrivals.relative
+    return arrivals.value, inside, *about
 
 
 def conditional_hitting_times(
@@ -172,14 +180,16 @@ class Arrivals:
     "A certificate that bounds the absolute error of every probability."
 
     @classmethod
-    def of(cls, matrix: scipy.sparse.csr_array, there: Cells) -> "Arrivals":
+    def of(
+        cls, matrix: scipy.sparse.csr_array, there: Cells, *, by_entries: bool = False
+    ) -> "Arrivals":
         """Compute the probabilities from a transition matrix and the mask of a target."""
         can, may_fail = prospects(matrix, there)
         value = np.where(can & ~may_fail, 1.0, 0.0)
         part = Transient.of(matrix, can & may_fail & ~there)
         value[there] = 1
         gain = matrix[part.cells] @ value
-        ends = part.expect(gain[:, None])
+        ends = part.expect(gain[:, None], by_entries=by_entries)
         value[part.cells] = np.clip(ends.value[:, 0], 0, ALMOST_SURE)
         error = float(ends.error[:, 0].max(initial=0.0))
         relative = float(ends.relative[:, 0].max(initial=0.0))

@@ -28,7 +28,7 @@ class Spread(Shown):
     error: np.ndarray
     "The standard deviation over the sample; NaN if one of its numbers is not finite."
     low: np.ndarray
-    "The 5 % quantile over the sample."
+    "The 5 % quantile: with `high`, an interval of 90 %, in the mean over samples of its size."
     high: np.ndarray
     "The 95 % quantile over the sample."
 
@@ -38,7 +38,8 @@ class Spread(Shown):
     ) -> "Spread":
         """Compute the quantity of a chain and of a sample of chains."""
         drawn = [np.asarray(quantity(one), float) for one in sample]
-        low, high = np.quantile(drawn, [0.05, 0.95], axis=0)
+        # Other estimates of quantiles give intervals that are too short for small samples.
+        low, high = np.quantile(drawn, [0.05, 0.95], axis=0, method="weibull")
         with np.errstate(invalid="ignore"):
             mean, error = np.mean(drawn, axis=0), np.std(drawn, axis=0, ddof=1)
         return cls(*map(np.asarray, (quantity(chain), mean, error, low, high)))
@@ -101,7 +102,7 @@ def posterior(
     mean without a prior is the chain of maximum likelihood. It runs on the host.
 
     **Arguments:** numbers of steps as for [`maximum_likelihood`][]; a function of a chain, whose
-    result has the same shape for every chain; the number and the seed of the samples; and the
+    result has the same shape for every chain; the number of samples, from 19; their seed; and the
     number that is added to each number of steps. **Returns:** [`Spread`][].
 
     The probability of a step that was observed in 20 of 100 cases has a standard error of 4 %:
@@ -112,8 +113,8 @@ def posterior(
         >>> round(float(moving.value), 3), round(float(moving.error), 2)
         (0.2, 0.04)
     """
-    if samples < 2:
-        raise ValueError(f"samples: expected 2 or more, got {samples}")
+    if samples < 19:
+        raise ValueError(f"samples: expected 19 or more, for quantiles of 5 %, got {samples}")
     if not 0 <= prior < np.inf:
         raise ValueError(f"prior: expected a number from 0, got {prior}")
     observed, random = _checked(counts), np.random.default_rng(seed)

@@ -223,7 +223,8 @@ def common_cells(chains: Sequence[Chain], owner: str) -> int:
 def cell_mask(cells: int, listed: npt.ArrayLike | int, name: str = "target") -> Any:
     """Convert a cell, a list of cells, or a mask to a mask; error messages begin with `name`.
 
-    If JAX traces the cells and one of them does not exist, the mask is empty.
+    A cell stands once in a list, so that no mask of numbers is taken for a list. If JAX traces the
+    cells and one of them does not exist, the mask is empty.
     """
     if traced(listed):
         return _traced_mask(cells, listed, name)
@@ -233,8 +234,13 @@ def cell_mask(cells: int, listed: npt.ArrayLike | int, name: str = "target") -> 
             raise ValueError(f"{name}: expected a mask of {cells} cells, got {array.shape}")
         mask = array
     else:
-        mask = np.zeros(cells, bool)
-        mask[np.asarray(check_indices(array, cells, name)).astype(np.int64)] = True
+        number = np.asarray(check_indices(array, cells, name)).astype(np.int64)
+        times = np.bincount(number.ravel(), minlength=cells)
+        if times.max() > 1:
+            raise ValueError(
+                f"{name}: cell {times.argmax()} stands {times.max()} times; a mask has booleans"
+            )
+        mask = times > 0
     check_target(mask, name)
     return mask
 

@@ -1,3 +1,5 @@
+import itertools
+
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
@@ -43,4 +45,4 @@ def most_probable_path(
     while (cell := int(before[path[-1]])) >= 0:
         path.append(cell)
     cells = np.array(path[::-1])
-    return cells, float(np.log(matrix[cells[:-1], cells[1:]]).sum())
+    return cells, float(np.log([matrix[step] for step in itertools.pairwise(cells)]).sum())

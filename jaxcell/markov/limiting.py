@@ -72,18 +72,31 @@ def limiting_distribution(
         [0.25, 0.5, 0.25]
     """
     require_x64("limiting_distribution")
+    limit, _ = limit_of(chain, groups, weights)
+    limit.certificate.check("limiting_distribution", throw)
+    return limit
+
+
+def limit_of(
+    chain: Chain,
+    groups: PersistentGroups | None = None,
+    weights: Any = None,
+    *,
+    by_entries: bool = False,
+) -> tuple[LimitingDistribution, Any]:
+    """Compute [`limiting_distribution`][], and a bound on its relative errors in each group."""
     groups = groups or persistent_groups(chain)
     group = check_groups(chain, groups)
     share, leaving, *about = _weights(chain, groups, group, weights)
-    form = like(float, chain.cells), *CERTIFIED
+    form = like(float, chain.cells), *CERTIFIED, like(float)
     given = chain, group, share, *about
-    value, products, residual = on_host(_limit, form, *given, many=_limit_of_many)
+    compute = functools.partial(_limit, by_entries=by_entries)
+    value, products, residual, relative = on_host(compute, form, *given, many=_limit_of_many)
     certificate = Certificate(products, residual, _TOLERANCE)
-    certificate.check("limiting_distribution", throw)
     if traced(chain, groups, share):
         value = implicit(_change, value, (chain, group, share))
     value, share = put_on_device((value, share))
-    return LimitingDistribution(value, share, leaving, certificate)
+    return LimitingDistribution(value, share, leaving, certificate), relative
 
 
 def _limit(
@@ -92,13 +105,17 @@ def _limit(
     share: Float[np.ndarray, "groups"],
     products: int,
     uncertain: float,
-) -> tuple[Float[np.ndarray, "cells"], int, float]:
+    *,
+    by_entries: bool,
+) -> tuple[Float[np.ndarray, "cells"], int, float, float]:
     inside = np.flatnonzero(group >= 0)
-    within, more = solve_stationary(matrix[inside][:, inside], group[inside])
+    within, more, relative = solve_stationary(
+        matrix[inside][:, inside], group[inside], by_entries=by_entries
+    )
     value = np.zeros(group.size)
     value[inside] = within * share[group[inside]]
     residual = max(np.abs(matrix.T @ value - value).sum(), uncertain)
-    return value, int(products) + more, float(residual)
+    return value, int(products) + more, float(residual), relative
 
 
 def _limit_of_many(
@@ -107,12 +124,12 @@ def _limit_of_many(
     share: Float[np.ndarray, "members groups"],
     products: int,
     uncertain: Float[np.ndarray, "members"],
-) -> tuple[Any, int, Any]:
+) -> tuple[Any, int, Any, Any]:
     """Compute the visits to each cell between two visits to the first cell of its group."""
     cells = np.flatnonzero(group >= 0)
     root = np.zeros((group.size, 1))
     root[cells[np.unique(group[cells], return_index=True)[1]]] = 1
-    visits, _ = eliminated(
+    visits, error = eliminated(
         batch, (group >= 0) & (root[:, 0] == 0), batch.push(root)[:-1], adjoint=True
     )
     value = np.zeros((group.size, len(share))) + visits + root
@@ -121,7 +138,7 @@ def _limit_of_many(
     with np.errstate(all="ignore"):
         value[cells] *= (share.T / total)[group[cells]]
     left = np.abs(batch.push(value)[:-1] - value).sum(axis=0)
-    return value.T, products, np.maximum(left, uncertain)
+    return value.T, products, np.maximum(left, uncertain), 2 * error
 
 
 def _change(value: Float[Array, "cells"], inputs: Any) -> Float[Array, "cells"]:

@@ -28,6 +28,9 @@ _LONG = 2.0**50
 _TIE = 1e-12
 # Largest number of cells whose matrix is squared, of squarings, and of single steps of more cells.
 _DENSE, _SQUARINGS, _STEPS = 1000, 1000, 100_000
+# Number of squarings after which later times may be taken as geometric, and relative difference of
+# distributions from different starts that counts as rounding.
+_EXACT, _EQUAL = 10, 1e-12
 # Distance, as a sum of differences, at which a distribution counts as quasi-stationary, and the
 # number of steps between two checks.
 _SETTLED, _BETWEEN = 1e-9, 50
@@ -60,6 +63,11 @@ def passage_time_variance(
     given = chain, inside, time, found.certificate.residual
     value, products, error = on_host(_variance, form, *given)
     certificate = Certificate(found.certificate.iterations + products, error, TOLERANCE)
+    if throw and not traced(value) and np.isinf(value).any():
+        raise RuntimeError(
+            "passage_time_variance: a variance is above 1e308, too large for 64 bits; throw=False "
+            "returns inf for it"
+        )
     certificate.check("passage_time_variance", throw)
     if traced(chain, time):
         finite = jnp.where(inside, time, 0.0)
@@ -92,6 +100,7 @@ def _variance(
         second = mean + 2 * found.value[:, 1]
         plain = np.maximum(second - mean**2, 0)
         value[inside] = found.value[:, 0] if mean.max(initial=0) < _LONG else plain
+        value[np.isnan(value)] = np.inf
         # The second moment is a sum of products of positive numbers, and its error is known.
         rounding = 2 * found.error[:, 1] / second + 3 * relative + 8 * _HALF_ULP
         error = np.abs(value[inside] - (second - mean**2)) / second + rounding
@@ -111,11 +120,11 @@ def passage_quantiles(
     least this probability; [`jaxcell.markov.first_passage`][] is the law, step by step.
 
     If at most 1,000 cells matter, their matrix is squared, and the digits of the quantile follow
-    one by one; probabilities of arriving are sums of positive numbers, so that times of 1e300 steps
-    are no problem. Of more cells, single steps are followed until the distribution of a chain that
-    has not arrived is quasi-stationary; later times are geometric.
+    one by one, until the distribution of a chain that has not arrived is quasi-stationary; later
+    times are geometric. Probabilities of arriving are sums of positive numbers, so that times of
+    1e300 steps are no problem. Of more cells, single steps are followed until the same holds.
 
-    **Arguments:** a start and a target as for `first_passage`, and levels between 0 and 1.
+    **Arguments:** a start and a target as for `first_passage`, and levels above 0 and below 1.
     **Returns:** the number of steps for each level, and `inf` if the chain arrives with a smaller
     probability. Under `grad` they count as constant.
 
@@ -131,7 +140,7 @@ def passage_quantiles(
     require_x64("passage_quantiles")
     level = np.atleast_1d(np.asarray(levels, float))
     if level.ndim != 1 or not ((level > 0) & (level < 1)).all():
-        raise ValueError(f"levels: expected numbers between 0 and 1, got {level.tolist()}")
+        raise ValueError(f"levels: expected numbers above 0 and below 1, got {level.tolist()}")
     given = start_distribution(chain.cells, start), cell_mask(chain.cells, target)
     compute = functools.partial(_quantiles, levels=tuple(level.tolist()))
     value: Array = put_on_device(on_host(compute, like(float, level.size), chain, *given))
@@ -166,7 +175,7 @@ def _by_squares(
     already: float,
     levels: Float[np.ndarray, "levels"],
 ) -> Float[np.ndarray, "levels"]:
-    powers, arrived = [step.toarray()], [arrive]
+    powers, arrived, limit, first = [step.toarray()], [arrive], None, lost
     while already + start @ arrived[-1] < levels.max() and len(powers) < _SQUARINGS:
         power = powers[-1]
         arrived.append(arrived[-1] + power @ arrived[-1])
@@ -174,11 +183,20 @@ def _by_squares(
         powers.append(power @ power)
         # The sum of a row is known with all its digits unless nearly all of it is gone.
         stays, total = 1 - arrived[-1] - lost, powers[-1].sum(axis=1)
+        rows = powers[-1][total > 0] / total[total > 0, None]
         powers[-1] *= np.where(stays > 0.5, stays / np.maximum(total, 0.25), 1)[:, None]
         if not start @ total:
             break
-    time = np.where(levels <= already, 0.0, np.inf)
-    for number in np.flatnonzero((levels > already) & (levels <= already + start @ arrived[-1])):
+        # Distributions from all starts are equal in every entry, so that later times are geometric.
+        if len(powers) > _EXACT and (np.ptp(rows, axis=0) <= _EQUAL * rows.max(axis=0)).all():
+            limit = rows[0]
+            break
+    time, sure = np.where(levels <= already, 0.0, np.inf), already + start @ arrived[-1]
+    if limit is not None:
+        total = (start @ powers[-1]).sum()
+        later = _geometric(levels, sure, total, limit, arrive, first)
+        time = np.where(levels > sure, 2.0 ** (len(powers) - 1) + later, time)
+    for number in np.flatnonzero((levels > already) & (levels <= sure)):
         # Find the largest number of steps that is too few, one binary digit after the other.
         steps, now, sure = 0, start, already
         for digit in reversed(range(len(powers) - 1)):
@@ -209,12 +227,24 @@ def _by_steps(
             part, found = slowest_part(step, np.ones(lost.size, bool))
             limit[part] = found.value
         if np.abs(now / total - limit).sum() <= _SETTLED:
-            out = limit @ (arrive + lost)
-            with np.errstate(invalid="ignore"):
-                wanted = np.log1p((sure - levels) * out / (total * (limit @ arrive)))
-            wanted = np.where(np.isnan(wanted), np.inf, np.ceil(wanted / np.log1p(-out)))
+            wanted = _geometric(levels, sure, total, limit, arrive, lost)
             return np.where(later, steps + wanted, time)
     raise RuntimeError(
         f"passage_quantiles: after {_STEPS} steps the chain has not arrived, and its distribution "
         "still changes; ask for smaller levels, or use passage_time_variance"
     )
+
+
+def _geometric(
+    levels: Float[np.ndarray, "levels"],
+    sure: float,
+    total: float,
+    limit: Float[np.ndarray, "part"],
+    arrive: Float[np.ndarray, "part"],
+    lost: Float[np.ndarray, "part"],
+) -> Float[np.ndarray, "levels"]:
+    """Compute the steps to each level from a mass `total` with the quasi-stationary `limit`."""
+    out = limit @ (arrive + lost)
+    with np.errstate(all="ignore"):
+        wanted = np.log1p((sure - levels) * out / (total * (limit @ arrive))) / np.log1p(-out)
+    return np.where(np.isnan(wanted), np.inf, np.ceil(wanted))

@@ -85,7 +85,7 @@ def kemeny_constant(chain: ChainLike) -> Real:
 
 
 def _kemeny(matrix: scipy.sparse.csr_array, group: Int[np.ndarray, "cells"]) -> float:
-    likely, _ = solve_stationary(matrix, group)
+    likely, *_ = solve_stationary(matrix, group)
     rooted = Rooted.of(matrix, group, likely)
     with np.errstate(all="ignore"):
         visits = rooted.visits()
@@ -233,7 +233,7 @@ def _mixing_time(
 ) -> float:
     if periods(matrix, group, 1)[0] > 1:
         return math.inf
-    share, _ = solve_stationary(matrix, group)
+    share, *_ = solve_stationary(matrix, group)
 
     def mixed(power: Float[np.ndarray, "cells cells"]) -> bool:
         return bool(np.abs(power - share).sum(axis=1).max() <= 2 * distance + _TIE)

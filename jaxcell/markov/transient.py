@@ -82,15 +82,16 @@ class Transient:
         jump.sum_duplicates()
         return cls(cells, step, leaving, branching, end, jump, tuple(hops))
 
-    def expect(self, gain: _Columns) -> "Expected":
+    def expect(self, gain: _Columns, *, by_entries: bool = False) -> "Expected":
         """Compute the expected total of `gain` over all visited cells, from each start cell.
 
         It is the solution of `x = gain + Q x`; `gain` must not be negative. The last column of the
-        result is the expected number of steps in the part.
+        result is the expected number of steps in the part. With `by_entries`, errors are relative
+        to each value if possible (see [`jaxcell.markov.solving.solve.solve_transient`][]).
         """
         # The expected number of steps is solved too: it turns residuals into errors.
         right = np.column_stack([gain, np.ones(self.cells.size)])
-        value, products, relative = self._solve(right)
+        value, products, relative = self._solve(right, by_entries)
         with np.errstate(all="ignore"):
             left = residual_bound(self.step, right, value)
             left = left + imprecision(self.step, self.leaving)[:, None] * np.abs(value)
@@ -111,7 +112,7 @@ class Transient:
         solved = eliminate_scaled(self.jump, self.leaving[self.branching], right)
         return solved and (solved[0][self.end, 0], solved[1] + self._inputs)
 
-    def _solve(self, gain: _Columns) -> tuple[_Columns, int, float]:
+    def _solve(self, gain: _Columns, by_entries: bool) -> tuple[_Columns, int, float]:
         run = np.zeros((self.cells.size + 1, gain.shape[1]))
         run[:-1] = gain
         run[self.branching] = 0
@@ -121,7 +122,7 @@ class Transient:
         # A branching cell gains its own share, and that of the run to the next branching cell.
         right = gain[self.branching] + self.step[self.branching] @ run
         at_branching, products, error = solve_transient(
-            self.jump, self.leaving[self.branching], right
+            self.jump, self.leaving[self.branching], right, by_entries=by_entries
         )
         return run + at_branching[self.end], products, error + self._inputs
 
@@ -131,7 +132,7 @@ class Transient:
         terms = np.diff(self.jump.indptr).max(initial=0) + len(self.hops) + 2
         return float(2 * self.branching.size * terms * _HALF_ULP)
 
-    def visited(self, start: _Columns) -> tuple[_Columns, int, float]:
+    def visited(self, start: _Columns, *, by_entries: bool = False) -> tuple[_Columns, int, float]:
         """Compute the expected visits to each cell, `x = start + Q' x`; `start` is not negative.
 
         This is the adjoint of `expect`. Returns the visits, the number of products, and a bound on
@@ -139,7 +140,11 @@ class Transient:
         """
         arriving = _summed(self.end, start, self.branching.size)
         at_branching, products, relative = solve_transient(
-            self.jump, self.leaving[self.branching], arriving, adjoint=True
+            self.jump,
+            self.leaving[self.branching],
+            arriving,
+            adjoint=True,
+            by_entries=by_entries,
         )
         passing = np.zeros((self.cells.size + 1, start.shape[1]))
         passing[:-1] = start + self.step[self.branching].T @ at_branching
@@ -148,9 +153,9 @@ class Transient:
         passing[self.branching] = at_branching
         return passing[:-1], products, relative + self._inputs
 
-    def visits(self, start: Float[np.ndarray, "part"]) -> "Visited":
+    def visits(self, start: Float[np.ndarray, "part"], *, by_entries: bool = False) -> "Visited":
         """Compute the expected visits to each cell, for a distribution of the start."""
-        visits, products, relative = self.visited(start[:, None])
+        visits, products, relative = self.visited(start[:, None], by_entries=by_entries)
         left = residual_bound(self.step.T.tocsr(), start[:, None], visits)[:, 0]
         left = left + imprecision(self.step, self.leaving) * np.abs(visits[:, 0])
         return Visited(visits[:, 0], products, relative, left)

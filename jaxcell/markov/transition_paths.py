@@ -16,11 +16,15 @@ from ..base.wide import traced
 from ..mapping.classes import reaching
 from ..mapping.generalized import Chain, ChainLike
 from ..mapping.traced import like, on_host
-from .conditional import arrival_probabilities
+from .conditional import arrival_probabilities, arrivals
 from .hitting import TOLERANCE, Cells, cell_mask
-from .limiting import limiting_distribution
+from .limiting import limit_of
 from .traced import CERTIFIED, expected
 from .transient import Transient
+
+
+# Smaller shares of the time lose digits.
+_TINY = 1e-290
 
 
 def committor(
@@ -40,8 +44,8 @@ def committor(
 
     **Arguments:** two disjoint sets, each as a cell, a list of cells, or a mask; and whether to
     look back. **Returns:** the probability for each cell. The backward committor is NaN in cells
-    where the chain never is in the long run. The residual of the certificate bounds the error of
-    every probability or, if `backward`, the mean error in the limiting distribution.
+    where the chain never is in the long run, or less often than once in 1e290 steps. The residual
+    of the certificate bounds the error of every probability, relative to it if `backward`.
 
     A random walk on a line of four cells, which stops at both ends:
 
@@ -52,9 +56,13 @@ def committor(
     require_x64("committor")
     here, there, both = _two_sets(chain, source, target)
     if backward:
-        share, mass, certificate = _last_in_source(chain, here, there)
-        value = jnp.where(share > 0, mass / jnp.where(share > 0, share, 1.0), jnp.nan)
-        solution = Solution(value, certificate)
+        share, mass, certificate, relative, total = _last_in_source(chain, here, there)
+        known = share > _TINY
+        value = jnp.where(known, mass / jnp.where(known, share, 1.0), jnp.nan)
+        # Rounding may exceed 1 by a few units in the last digit.
+        value = value - jax.lax.stop_gradient(jnp.maximum(value - 1, 0.0))
+        error = _relative(relative, total, jnp.min(share, where=known, initial=1.0))
+        solution = Solution(value, dataclasses.replace(certificate, residual=error))
     else:
         solution = arrival_probabilities(_stopped(chain, here), there, throw=False)
     solution.certificate.check("committor", throw)
@@ -80,9 +88,9 @@ class ReactiveFlux(Pictured):
     density: Float[Array, "cells"]
     "The share of the time that the chain is in each cell during a transition, between the sets."
     certificate: Certificate
-    """The certificate. Its residual is the largest of the residuals of the limiting distribution
-    and of the two committors, and of the relative difference of the numbers of transitions that
-    leave the source and enter the target."""
+    """The certificate. Its residual is the largest of the residual of the limiting distribution, of
+    bounds on the errors of the two committors, relative to what they count for, and of the
+    relative difference of the numbers of transitions that leave the source and enter the target."""
 
 
 def reactive_flux(
@@ -110,18 +118,21 @@ def reactive_flux(
     """
     require_x64("reactive_flux")
     here, there, both = _two_sets(chain, source, target)
-    share, mass, backward = _last_in_source(chain, here, there)
+    share, mass, backward, before, total = _last_in_source(chain, here, there)
     if not traced(share) and not np.any(share):
         raise ValueError(
             "reactive_flux: the chain has no persistent group, so nothing remains in the long run; "
             "committor and visits serve chains that leave the space"
         )
     none = both + jnp.where(jnp.any(share > 0), 0.0, jnp.nan)
-    forward = arrival_probabilities(_stopped(chain, here), there, throw=False)
+    forward, relative = arrivals(_stopped(chain, here), there, by_entries=True)
     given = put_on_device((mass + none, forward.value, here, there))
     (gross, net, density), numbers = _flux(chain, *given)
     rate, duration, time, uneven = numbers if traced(numbers) else map(float, numbers)
-    residual = _largest(backward.residual, forward.certificate.residual, uneven)
+    # If relative errors are unknown, the sum of errors is compared with the mass on the way.
+    behind = _relative(before, total, rate * duration)
+    ahead = _relative(relative, forward.certificate.residual, rate / jnp.sum(mass, where=here))
+    residual = _largest(backward.residual, behind, ahead, uneven)
     products = backward.iterations + forward.certificate.iterations
     certificate = Certificate(products, residual, TOLERANCE)
     certificate.check("reactive_flux", throw)
@@ -136,17 +147,14 @@ def _flux(
     here: Bool[Array, "cells"],
     there: Bool[Array, "cells"],
 ) -> tuple[Any, Any]:
-    image, me = chain.image, jnp.arange(chain.cells, dtype=chain.image.dtype)[None]
-
-    def add(sums, branch):  # type: ignore[no-untyped-def]
-        forth, back = sums
-        end, chance = branch
-        forth = forth + jnp.where(end[None] == image, chance[None], 0.0)
-        return (forth, back + jnp.where(end[image] == me, chance[image], 0.0)), None
-
-    none = jnp.zeros_like(chain.probability)
+    image, me = chain.image.astype(int), jnp.arange(chain.cells)[None]
     # The probabilities of the steps from each cell to its image and back, over all branches.
-    (forth, back), _ = jax.lax.scan(add, (none, none), (image, chain.probability))
+    step, opposite = me * chain.cells + image, image * chain.cells + me
+    order = jnp.sort(step.ravel())
+    first = jnp.searchsorted(order, step)
+    sums = jnp.zeros(step.size).at[first].add(chain.probability)
+    place = jnp.minimum(jnp.searchsorted(order, opposite), step.size - 1)
+    forth, back = sums[first], jnp.where(order[place] == opposite, sums[place], 0.0)
     moves = (image != me) & (chain.probability > 0)
     gross = jnp.where(moves, mass[None] * chain.probability * forward[image], 0.0)
     share = jnp.where(moves, chain.probability / jnp.where(moves, forth, 1.0), 0.0)
@@ -157,6 +165,13 @@ def _flux(
     uneven = jnp.where(rate > 0, jnp.abs(entering / rate - 1), entering)
     numbers = rate, 1 + jnp.sum(density) / rate, jnp.sum(mass) / rate, uneven
     return (gross, net, density), numbers
+
+
+def _relative(relative: Any, total: Any, least: Any) -> Any:
+    """Bound errors relative to a number, at least `least`, by either of two bounds."""
+    error = jnp.fmin(relative, jnp.where(total > 0, jnp.asarray(total) / least, 0.0))
+    error = jnp.where(jnp.isnan(error), jnp.inf, error)
+    return error if traced(error) else float(error)
 
 
 def _largest(*errors: Any) -> Any:
@@ -184,17 +199,22 @@ def _stopped(chain: Chain, here: Any) -> Chain:
     return Chain(chain.image, jnp.where(here[None], 0.0, chain.probability), half)
 
 
-def _last_in_source(chain: Chain, here: Any, there: Any) -> tuple[Any, Any, Certificate]:
-    """Compute the limiting distribution, and its mass that was last in the source `here`."""
-    limit = limiting_distribution(chain, throw=False)
+def _last_in_source(chain: Chain, here: Any, there: Any) -> tuple[Any, Any, Certificate, Any, Any]:
+    """Compute the limiting distribution, and its mass that was last in the source `here`.
+
+    Returns a certificate of the distribution, a bound on the relative errors, and one on their sum.
+    """
+    limit, relative = limit_of(chain, by_entries=True)
     entering = chain.push(jnp.where(here, limit.value, 0.0))
-    form = like(float, chain.cells), like(bool, chain.cells), *CERTIFIED
+    form = like(float, chain.cells), like(bool, chain.cells), *CERTIFIED, like(float)
     given = chain, limit.value, here, there, entering
-    mass, inside, products, error = on_host(_masses, form, *given)
+    mass, inside, products, total, more = on_host(_masses, form, *given)
     mass = jnp.where(here, limit.value, expected(mass, chain, inside, entering, adjoint=True))
-    error = _largest(limit.certificate.residual, error)
-    iterations = products + limit.certificate.iterations
-    return limit.value, mass, Certificate(iterations, error, TOLERANCE)
+    certificate = limit.certificate
+    iterations = products + certificate.iterations
+    total = _largest(certificate.residual, total)
+    certificate = Certificate(iterations, certificate.residual, TOLERANCE)
+    return limit.value, mass, certificate, 2 * relative + more, total
 
 
 def _masses(
@@ -208,6 +228,7 @@ def _masses(
     inside = (share > 0) & ~ends & reaching(matrix, ends)
     mass = np.zeros(ends.size)
     part = Transient.of(matrix, inside)
-    found = part.visits(np.asarray(entering)[inside])
+    found = part.visits(np.asarray(entering)[inside], by_entries=True)
     mass[inside] = found.value
-    return mass, inside, found.products, part.sum_error(found) * float(found.value.sum())
+    total = part.sum_error(found) * float(found.value.sum())
+    return mass, inside, found.products, total, found.relative

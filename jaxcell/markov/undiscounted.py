@@ -161,7 +161,7 @@ def _evaluated(
             "policies with one group"
         )
     share, inside = np.zeros(group.size), group == 0
-    share[inside], _ = solve_stationary(step[inside][:, inside], group[inside])
+    share[inside], *_ = solve_stationary(step[inside][:, inside], group[inside])
     average = float(share @ reward)
     others = np.arange(group.size) != share.argmax()
     bias = np.zeros(group.size)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 import scipy.sparse
+import scipy.stats
 
 from jaxcell import markov
 from jaxcell.mapping import Chain
@@ -88,6 +89,18 @@ def test_intervals_of_hitting_times_hold_in_most_experiments():
     assert held > 30
 
 
+@pytest.mark.parametrize("samples", [19, 60])
+def test_intervals_have_nine_tenths_of_a_beta_distribution(samples):
+    draw, mass = np.random.default_rng(7), []
+    for number in range(200):
+        table = draw.integers(1, 40, (2, 2))
+        spread = markov.posterior(table, lambda chain: chain.to_scipy()[0, 1], samples, seed=number)
+        of = scipy.stats.beta(table[0, 1], table[0, 0])
+        mass.append(of.cdf(spread.high) - of.cdf(spread.low))
+    # The standard deviation of the mean of 200 masses is at most .005.
+    assert np.mean(mass) == pytest.approx(0.9, abs=0.015)
+
+
 def test_walkers_with_a_memory_fail_the_chapman_kolmogorov_test():
     draw = np.random.default_rng(6)
     chain = Chain.from_scipy(np.array([[0.9, 0.1], [0.2, 0.8]]))
@@ -113,5 +126,5 @@ def test_counts_without_a_chain_are_refused():
         markov.maximum_likelihood([[1, 1, 1], [1, 1, 1]])
     with pytest.raises(ValueError, match="all reach each other"):
         markov.maximum_likelihood([[1, 1], [0, 1]], reversible=True)
-    with pytest.raises(ValueError, match="samples: expected 2 or more"):
+    with pytest.raises(ValueError, match="samples: expected 19 or more"):
         markov.posterior([[1]], lambda chain: 0, 1)

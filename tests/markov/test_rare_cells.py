@@ -62,7 +62,7 @@ def test_factorisation_gives_way_where_rounding_spoils_it(matrix):
     one_class = np.zeros(len(matrix), int)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(solve, "LIMITS", solve.Limits(small=0))
-        value, _ = solve_stationary(step, one_class)
+        value, *_ = solve_stationary(step, one_class)
     np.testing.assert_allclose(value, np.array(share, float), atol=1e-7)
     visits = Rooted.of(step, one_class, value).visits(small=0)
     assert kemeny_of(visits, np.delete(share, np.argmax(value))) == pytest.approx(
@@ -83,7 +83,7 @@ def test_shares_are_exact_if_the_first_or_the_last_cell_is_rare(back, small, mon
     expected = np.array(exact(matrix)[0], float)
     for turned in (slice(None), slice(None, None, -1)):
         step = scipy.sparse.csr_array(matrix[turned, turned])
-        value, _ = solve_stationary(step, np.zeros(20, int))
+        value, *_ = solve_stationary(step, np.zeros(20, int))
         assert value.max() == pytest.approx(0.8888888888888888, rel=1e-14)
         np.testing.assert_allclose(value, expected[turned], atol=1e-14)
 

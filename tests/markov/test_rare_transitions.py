@@ -6,16 +6,19 @@ simulated.
 
 import itertools
 import math
+import time
 from fractions import Fraction
 
 import jax
 import numpy as np
 import pytest
+import scipy.sparse
 from oracles import exact_chains as exact
 from random_chains import birth_and_death
 
 from jaxcell import examples, markov
 from jaxcell.mapping import Chain
+from jaxcell.markov.solving import solve
 
 
 def walk_with_odds(cells, up):
@@ -139,6 +142,64 @@ def test_committor_of_a_birth_death_walk_is_that_of_the_gambler(up):
     # The walk is reversible, so that it looks back as it looks ahead.
     back = np.asarray(markov.committor(matrix, 0, 59, backward=True).value)
     np.testing.assert_allclose(back, [float(1 - p) for p in chance], rtol=1e-11, atol=1e-30)
+
+
+@pytest.mark.parametrize(("cells", "up"), [(201, 0.3), (301, 0.3), (301, 0.125), (1201, 0.4)])
+def test_paths_up_a_long_line_have_their_digits(cells, up):
+    """The long-run share of the highest cells is down to 1e-233."""
+    odds = 0.75 / 0.125 if up == 0.125 else (0.9 - up) / up
+    number, steps = np.arange(cells), cells - 1
+    matrix = birth_and_death(np.full(steps, up), np.full(steps, odds * up))
+    forward = (odds ** (number - steps) - odds**-steps) / (1 - odds**-steps)
+    back = markov.committor(matrix, 0, steps, backward=True)
+    np.testing.assert_allclose(back.value, 1 - forward, atol=1e-13)
+    assert 0 <= np.min(back.value) <= np.max(back.value) <= 1
+    share = odds**-number / (odds**-number).sum()
+    rate, density = share[0] * up * forward[1], share * forward * (1 - forward)
+    result = markov.reactive_flux(matrix, 0, steps)
+    np.testing.assert_allclose(result.density, density, rtol=1e-12, atol=1e-300)
+    assert result.rate == pytest.approx(rate, rel=1e-12)
+    assert result.duration == pytest.approx(1 + density.sum() / rate, rel=1e-12)
+
+
+def test_paths_between_two_wells_are_refused_or_right():
+    """The ends of the walk have shares below 1e-308."""
+    x = np.linspace(-2, 2, 250)
+    ratio = np.exp(-np.diff((x**2 - 1) ** 2 / 4) / 0.07**2)
+    matrix = birth_and_death(0.4 * ratio / (ratio + 1 / ratio), 0.4 / ratio / (ratio + 1 / ratio))
+    source, target = 62, 187
+    back = np.asarray(markov.committor(matrix, source, target, backward=True).value)
+    known = ~np.isnan(back)
+    assert known[10:240].all()
+    assert not known[0]
+    ahead = np.asarray(markov.committor(matrix, source, target).value)
+    np.testing.assert_allclose(back[known], 1 - ahead[known], atol=1e-12)
+
+
+def test_chains_that_are_not_eliminated_say_that_rare_cells_have_no_digits(monkeypatch):
+    monkeypatch.setattr(solve, "LIMITS", solve.Limits(small=0, elimination=0.0))
+    matrix = birth_and_death(np.full(300, 0.3), np.full(300, 0.6))
+    back = markov.committor(matrix, 0, 300, backward=True, throw=False)
+    assert back.certificate.residual > 1
+    with pytest.raises(RuntimeError, match="reactive_flux: the residual stayed above"):
+        markov.reactive_flux(matrix, 0, 300)
+    fair = birth_and_death(np.full(300, 0.4), np.full(300, 0.4))
+    back = markov.committor(fair, 0, 300, backward=True)
+    np.testing.assert_allclose(back.value, 1 - np.arange(301) / 300, atol=1e-10)
+    result = markov.reactive_flux(fair, 0, 300)
+    assert result.rate == pytest.approx(0.4 / 301 / 300, rel=1e-9)
+
+
+def test_flux_across_a_hub_takes_as_long_as_its_steps():
+    leaves = 1500
+    matrix = scipy.sparse.lil_array((leaves + 1, leaves + 1))
+    matrix[0, 1:] = 1 / leaves
+    matrix[1:, 0] = 0.5
+    matrix.setdiag(np.append(0, np.full(leaves, 0.5)))
+    begin = time.process_time()
+    result = markov.reactive_flux(matrix.tocsr(), 1, 2)
+    assert time.process_time() - begin < 15
+    assert result.rate == pytest.approx(1 / 3 / leaves / 4 * 2, rel=1e-12)
 
 
 @pytest.mark.parametrize("sink", [0.0, 0.3])
@@ -298,6 +359,27 @@ def test_quantiles_of_geometric_times(rare):
     np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
+def test_quantiles_of_a_line_uphill_are_those_of_an_exponential_distribution():
+    """In 64 bits, the time over its mean of 1e231 steps is exponential."""
+    matrix, levels = birth_and_death(np.full(300, 0.125), np.full(300, 0.75)), [0.05, 0.5, 0.95]
+    mean = markov.hitting_times(matrix, 300).value[0]
+    begin = time.process_time()
+    found = markov.passage_quantiles(matrix, 0, 300, levels)
+    assert time.process_time() - begin < 10
+    np.testing.assert_allclose(found, -np.log1p(-np.array(levels)) * mean, rtol=1e-11)
+
+
+def test_numbers_out_of_range_say_what_is_expected():
+    with pytest.raises(ValueError, match="levels: expected numbers above 0 and below 1"):
+        markov.passage_quantiles(examples.ruin(), 1, 3, [0.0, 1.0])
+    with pytest.raises(ValueError, match="target: cell 0 stands 2 times; a mask has booleans"):
+        markov.hitting_times(examples.walk(), [0, 0, 1])
+    matrix = np.array([[1, 1e-200], [0, 1]])
+    with pytest.raises(RuntimeError, match="above 1e308, too large for 64 bits"):
+        markov.passage_time_variance(matrix, 1)
+    assert markov.passage_time_variance(matrix, 1, throw=False).value.tolist() == [np.inf, 0]
+
+
 def test_quantiles_are_those_of_the_law_step_by_step(monkeypatch):
     matrix = random_matrix(4, sink=0.01)
     law = np.cumsum(np.asarray(markov.first_passage(matrix, 2, 7, 2000)))
@@ -334,6 +416,8 @@ def test_most_probable_path_has_the_largest_product():
         assert product == pytest.approx(best[[0, 1]].max(), rel=1e-12)
     ring = np.roll(np.eye(5), 1, axis=1)
     assert markov.most_probable_path(ring, 1, 0)[0].tolist() == [1, 2, 3, 4, 0]
+    path, log_probability = markov.most_probable_path(ring, 2, [1, 2])
+    assert (path.tolist(), log_probability) == ([2], 0)
 
 
 WITHIN, SOURCE, TARGET = np.arange(14) < 9, [0, 3], [5, 9]

@@ -87,7 +87,7 @@ def test_stationary_equals_the_null_space(method, monkeypatch):
     sparse = [scipy.sparse.csr_array(block) for block in blocks]
     matrix = scipy.sparse.block_diag(sparse, format="csr")[order][:, order]
     labels = group[order].astype(np.int32)
-    result, _ = solve_stationary(scipy.sparse.csr_array(matrix), labels)
+    result, *_ = solve_stationary(scipy.sparse.csr_array(matrix), labels)
     for number, block in enumerate(blocks):
         values, vectors = np.linalg.eig(block.T)
         expected = vectors[:, np.argmax(values.real)].real
@@ -99,7 +99,7 @@ def test_stationary_equals_the_null_space(method, monkeypatch):
 
 def test_slow_chain_is_factored_and_fast_chain_is_not():
     fast = random_chain(300, 10, 3)
-    _, products = solve_stationary(fast, np.zeros(300, np.int32))
+    _, products, _ = solve_stationary(fast, np.zeros(300, np.int32))
     assert products % solve.LIMITS.trial != 0
     line = scipy.sparse.csr_array(open_line(400))
     result, products, _ = solve_transient(line, leaving(line), np.ones((400, 1)))
@@ -134,7 +134,7 @@ def test_two_levels_find_stationary_distribution(monkeypatch):
     matrix = scipy.sparse.csr_array(matrix)
     count, label = scipy.sparse.csgraph.connected_components(matrix, connection="strong")
     assert count == 1
-    result, _ = solve_stationary(matrix, label.astype(np.int32))
+    result, *_ = solve_stationary(matrix, label.astype(np.int32))
     np.testing.assert_allclose(matrix.T @ result, result, atol=1e-14)
     assert result.sum() == pytest.approx(1)
 

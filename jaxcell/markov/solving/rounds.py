@@ -110,7 +110,7 @@ class Plan:
 
         The probability of each step is a sum of at most `terms` numbers.
         """
-        most = _MOST + _MOST_PER_STEP * tail.size
+        most = most_products(tail.size)
         rank = np.random.default_rng(_SEED).permutation(states + 1)
         never = np.iinfo(np.int64).max
         width = states + 1
@@ -191,6 +191,11 @@ class Plan:
                 x[part.here.number] /= on[part.here.number]
         sure = (chance > _TINY).all(axis=0) & (on[:-1] > 0).all(axis=0)
         return x[:-1], np.broadcast_to(sure, right.shape[1])
+
+
+def most_products(steps: int) -> int:
+    """Return the largest number of products of probabilities for a chain with these steps."""
+    return _MOST + _MOST_PER_STEP * steps
 
 
 def _plan(*steps: bytes) -> tuple[Int[np.ndarray, "used"], Any, Plan | None]:

@@ -18,6 +18,7 @@ answers with small residuals. Such chains are eliminated without subtractions, w
 seconds for 10^5 cells in a plane. So are all small chains.
 """
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Callable
@@ -27,8 +28,10 @@ import scipy.sparse
 from jaxtyping import Float, Int
 from scipy.sparse import csgraph, linalg
 
+from ...mapping.batch import Batch
 from .cycle import Cycle
 from .elimination import Columns, Levels, eliminate
+from .rounds import eliminated, most_products
 from .two_level import TwoLevel
 
 
@@ -65,6 +68,8 @@ _ILL = 1e-7
 # An approximate solution is accepted if no step is rarer than this; residuals hide rarer steps.
 _HIDDEN = 1e-12
 _HALF_ULP = 2.0**-53
+# A multiplication in rounds takes as long as this many in levels.
+_SLOWER = 1000
 # Largest number of entries of the factors, in the order of components, per entry of the matrix.
 _MAX_FILL = 10
 # Largest number of approximate solutions, each for the residual of the sum of those before it.
@@ -89,11 +94,13 @@ def solve_transient(
     right: Columns,
     *,
     adjoint: bool = False,
+    by_entries: bool = False,
 ) -> tuple[Columns, int, float]:
     """Solve `x = right + Q x`, or `x = right + Q' x` if `adjoint`, where `Q` is `step`.
 
     `leaving` contains the probability of a step from each row out of all rows, with all its digits.
-    The powers of `Q` must tend to 0, and `right` must not be negative.
+    The powers of `Q` must tend to 0, and `right` must not be negative. With `by_entries`, larger
+    systems too are eliminated, if possible, so that the smallest entries have their digits.
 
     **Returns:** the solution; the number of matrix products; and a bound on the relative error of
     every entry, or `inf` if the residual must tell the error.
@@ -103,6 +110,8 @@ def solve_transient(
     if step.shape[0] <= LIMITS.small:
         exact = eliminate(step, leaving, right, adjoint=adjoint)
         return exact[0], 0, exact[1]
+    if by_entries and (slow := eliminate_unless_large(step, leaving, right, adjoint)) is not None:
+        return slow[0], 0, slow[1]
     matrix = step.T.tocsr() if adjoint else step
     order, products, total = _by_components(step), 0, np.zeros_like(right)
     if order is None:
@@ -171,8 +180,21 @@ def eliminate_unless_large(
     right: Columns,
     adjoint: bool,
 ) -> tuple[Columns, float] | None:
-    """Solve with [`eliminate`][], or return `None` if it would take too many multiplications."""
+    """Solve with [`eliminate`][], or return `None` if it would take too many multiplications.
+
+    A chain whose levels are wide, such as one with a hub, is eliminated in rounds if that is short.
+    """
     levels = Levels.of(step)
+    if levels.work > _SLOWER * most_products(step.nnz):
+        rows, way = step.shape[0], step.tocoo()
+        (last,) = np.nonzero(leaving)
+        tail, head = np.append(way.row, last), np.append(way.col, np.full(last.size, rows))
+        chance = np.append(way.data, leaving[last])[:, None]
+        batch = Batch(rows, tail.astype(np.int64), head.astype(np.int64), chance)
+        with contextlib.suppress(RuntimeError):
+            x, error = eliminated(batch, np.ones(rows, bool), right, adjoint=adjoint)
+            if np.isfinite(x).all():
+                return x, float(error.max())
     if levels.work > LIMITS.elimination:
         return None
     return eliminate(step, leaving, right, levels, adjoint=adjoint)

@@ -10,6 +10,7 @@ root must be a likely cell, because without an unlikely cell the matrix remains 
 
 import contextlib
 import dataclasses
+import math
 from typing import TypeAlias
 
 import numpy as np
@@ -35,23 +36,27 @@ _SURE = 1e-10
 _SEED = 0
 
 
-def solve_stationary(step: scipy.sparse.csr_array, group: _Classes) -> tuple[_Shares, int]:
+def solve_stationary(
+    step: scipy.sparse.csr_array, group: _Classes, *, by_entries: bool = False
+) -> tuple[_Shares, int, float]:
     """Compute the stationary distribution of each closed class: `x = P' x` with sum 1.
 
     `step` is the matrix `P`, without steps between classes, and `group` the class of each cell,
-    numbered from 0. Returns the distributions, in one array, and the number of matrix products.
+    numbered from 0. With `by_entries`, larger chains too are eliminated, if possible. Returns the
+    distributions, in one array, the number of matrix products, and a bound on the relative error of
+    every entry, `inf` if it is unknown.
     """
     size = np.bincount(group)
     x = 1 / size[group]
     products = 0
     if group.size == size.size:
-        return x, products
+        return x, products, 0.0
     if group.size > solve.LIMITS.small:
         x, products, done = _by_products(step, group)
-        if done or group.size > solve.LIMITS.factored:
-            return x, products
+        if (done and not by_entries) or group.size > solve.LIMITS.factored:
+            return x, products, math.inf
         rooted = None
-        for _ in range(_ROOTS):
+        for _ in range(0 if done else _ROOTS):
             last, rooted = rooted, Rooted.of(step, group, x)
             if last is not None and np.array_equal(last.others, rooted.others):
                 break
@@ -63,8 +68,10 @@ def solve_stationary(step: scipy.sparse.csr_array, group: _Classes) -> tuple[_Sh
                 break
             # Even if rounding spoils a solution, its largest entries belong to likely cells.
             x = rooted.shares(np.abs(others))
+            if sure and by_entries:
+                break
             if sure:
-                return x, products
+                return x, products, math.inf
     for _ in range(_ROOTS):
         rooted = Rooted.of(step, group, x)
         eliminated = solve.eliminate_unless_large(
@@ -72,12 +79,12 @@ def solve_stationary(step: scipy.sparse.csr_array, group: _Classes) -> tuple[_Sh
         )
         if eliminated is None:
             break
-        others, _ = eliminated
+        others, error = eliminated
         if np.isfinite(others).all():
-            return rooted.shares(others), products
+            return rooted.shares(others), products, 2 * error
         # The root is so rare that the shares of other cells, relative to it, overflow.
         x = rooted.shares(np.where(np.isfinite(others), 0.0, 2.0))
-    return x, products
+    return x, products, math.inf
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
