@@ -30,7 +30,7 @@ def least_risk(edges, attack, value, robots=1):
     while stack:
         at, ages = state = stack.pop()
         for there in itertools.product(*(after[place] for place in at)):
-            # The part of the next unit of time in which an attack is over, without a robot there.
+            # The part of the next unit of time in which an attack is over, and no robot is there.
             late = [float(age >= a) for age, a in zip(ages, attack, strict=True)]
             late = [0.0 if v in at else one for v, one in enumerate(late)]
             grown = tuple(
