@@ -274,7 +274,8 @@ class Released(Result):
             lines.append(text)
         if self.stretch_share.size:
             place = name_place(self.stretch_lon[0], self.stretch_lat[0])
-            lines[-1] += f"; most, {percent(self.stretch_share[0])}, around {place}"
+            most = "most strand" if self.drifters.stranded.any() else "most"
+            lines[-1] += f"; {most}, {percent(self.stretch_share[0])}, around {place}"
         return [f"{line}." for line in lines]
 
     @property
