@@ -223,8 +223,8 @@ def common_cells(chains: Sequence[Chain], owner: str) -> int:
 def cell_mask(cells: int, listed: npt.ArrayLike | int, name: str = "target") -> Any:
     """Convert a cell, a list of cells, or a mask to a mask; error messages begin with `name`.
 
-    A cell stands once in a list, so that no mask of numbers is taken for a list. If JAX traces the
-    cells and one of them does not exist, the mask is empty.
+    A list that is as long as a mask has no cell twice, so that no mask of numbers is taken for one.
+    If JAX traces the cells and one of them does not exist, the mask is empty.
     """
     if traced(listed):
         return _traced_mask(cells, listed, name)
@@ -236,7 +236,7 @@ def cell_mask(cells: int, listed: npt.ArrayLike | int, name: str = "target") -> 
     else:
         number = np.asarray(check_indices(array, cells, name)).astype(np.int64)
         times = np.bincount(number.ravel(), minlength=cells)
-        if times.max() > 1:
+        if number.size == cells and times.max() > 1:
             raise ValueError(
                 f"{name}: cell {times.argmax()} stands {times.max()} times; a mask has booleans"
             )
