@@ -167,6 +167,9 @@ def test_time_to_extinction_of_a_ricker_population(noise):
     known = np.interp(0, nodes, times)
     assert abs(found.mean_time - known) < found.mean_time_error
     assert found.mean_time == pytest.approx(known, rel=0.02)
+    # A large population starves: the next one has 1.5 (1 - exp(x)) more.
+    assert 1.2 < found.path[-1, 0] < 1.5
+    assert f"ends with a mapping from x0 = {found.path[-1, 0]:.3g}." in found.answer[1]
 
 
 def test_law_of_a_flow_is_that_of_the_matrix_exponential():
