@@ -34,8 +34,8 @@ def answer_of(basins: Any) -> tuple[str, ...]:
         return ("No attractor was found.",)
     settled = "all orbits have settled" if basins.settled else _UNSETTLED
     sentences = [
-        f"Attractor {k} is {described(basins, k)}; {basins.fraction[k]:.1%} of the cells lead to "
-        f"it, and {basins.sampled[k]:.1%} of the orbits from random starts."
+        f"Attractor {k} is {described(basins, k)}; {basins.sampled[k]:.1%} of the orbits from "
+        f"random starts end on it, and {basins.fraction[k]:.1%} of the cells lead to it."
         for k in range(min(basins.attractors, _MOST))
     ]
     if out := basins.outside_share:

@@ -67,10 +67,11 @@ class Escape(SystemStudy):
 def region(text: str, names: Sequence[str], option: str) -> Callable[[Any], Any]:
     """Return the function of points for a text of conditions, such as `x>0,y<2`.
 
-    The name of an axis may be without its unit in parentheses.
+    The name of an axis may be without its unit in parentheses. A single axis is also called `x`.
     """
     short = {name.partition(" (")[0]: axis for axis, name in enumerate(names)}
-    axes = {**short, **{name: axis for axis, name in enumerate(names)}}
+    only = {"x": 0} if len(names) == 1 else {}
+    axes = {**only, **short, **{name: axis for axis, name in enumerate(names)}}
     conditions = []
     for part in text.split(","):
         match = _CONDITION.fullmatch(part)

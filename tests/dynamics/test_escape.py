@@ -121,6 +121,29 @@ def test_errors_of_random_wells_are_below_their_estimates(seed):
     assert (np.mean(held, axis=0) >= 0.95).all()
 
 
+def test_error_of_a_probability_holds_where_differences_vanish():
+    # Near some start, chains with both widths have the same probability by chance.
+    params, held = {"a": -1.0, "b": 0.0, "c": 0.3}, []
+    for start in np.linspace(-0.8, 0.8, 17):
+        _, _, known = exact(params, 0.7, -1.3, 1.7, False, start)
+        found = dynamics.escape(
+            WELL, Box([-1.3], [1.7], [30], "sink"), params, noise=0.7, start=[start]
+        )
+        held.append(abs(found.probability[-1] - known) <= found.probability_error[-1])
+        share = found.probability[-1] * (1 - found.probability[-1])
+        relative = found.mean_time_error / found.mean_time
+        assert found.probability_error[-1] >= 0.99 * relative * share
+    assert all(held)
+
+
+def test_a_region_that_is_left_after_one_mapping_for_certain():
+    box = Box([-1], [1], [20], "clamp")
+    found = dynamics.escape(
+        lambda x, p: 0 * x + 0.9, box, noise=0.0, start=[0.0], into=lambda x: x[:, 0] > 0.5
+    )
+    assert (found.mean_time, found.deviation, found.deviation_error) == (1, 0, 0)
+
+
 def legendre(low, high, count):
     nodes, weights = np.polynomial.legendre.leggauss(count)
     return low + (nodes + 1) * (high - low) / 2, weights * (high - low) / 2
@@ -144,6 +167,9 @@ def test_time_to_extinction_of_a_ricker_population(noise):
     known = np.interp(0, nodes, times)
     assert abs(found.mean_time - known) < found.mean_time_error
     assert found.mean_time == pytest.approx(known, rel=0.02)
+    # A large population starves: the next one has 1.5 (1 - exp(x)) more.
+    assert 1.2 < found.path[-1, 0] < 1.5
+    assert f"ends with a mapping from x0 = {found.path[-1, 0]:.3g}." in found.answer[1]
 
 
 def test_law_of_a_flow_is_that_of_the_matrix_exponential():
@@ -292,6 +318,8 @@ def test_functions_may_be_of_a_point_alone():
         ({"into": [3], "start": [-1.8]}, "start: the point .* in the region target"),
         ({"into": [3], "start": [0.0, 0.0]}, "start: expected 1 coordinates"),
         ({"into": [3], "samples": 8}, "options: a flow has none, got samples"),
+        ({"into": {"a": [3], "b": [2, 3]}}, "into: 'a' and 'b' overlap, as at"),
+        ({"into": lambda x: x[:, 0] < 5}, "into: the centre of every cell is in a region"),
         ({"into": [3], "noise": 0.0}, "into: cannot be reached from"),
     ],
 )

@@ -32,6 +32,13 @@ def test_conditions_of_a_region_hold_together():
     assert inside(points).tolist() == [True, False, False]
 
 
+def test_a_single_axis_is_also_called_x():
+    inside = region("x<-2.995732", ("x0",), "into")
+    assert inside(np.array([[-3.0], [0.0]])).tolist() == [True, False]
+    with pytest.raises(ValueError, match="expected an axis among x0, x1, got 'x'"):
+        region("x<1", ("x0", "x1"), "into")
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

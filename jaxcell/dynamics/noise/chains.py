@@ -99,19 +99,56 @@ def chain(
         [0.368, 0.368, 0.184, 0.061]
     """
     require_x64("a chain of a map")
-    samples = check_whole("samples", samples, 1)
+    about: dict[str, Any] = {"samples": samples, "noise": noise, "deviations": deviations}
+    if traced(params, noise):
+        _check(map, box, params, **about)
+        return _traced_chain(map, box, params, samples, noise, key)
+    *rows, spread = matrices(map, box, params, **about, key=key)
+    half, whole = (Chain.from_scipy(each) for each in reversed(rows))
+    ends = np.array(box.axes) == "sink"
+    if (ends & (spread > 0)).any() and persistent_groups(whole).count:
+        warn(
+            "noise: leads out of the box with less than 1e-12 per mapping from some groups, which "
+            'therefore never leave it; extend the box with axes="clamp", and take the cells beyond '
+            "its old ends as a target",
+        )
+    return Chain(whole.image, whole.probability, half)
+
+
+def _is_law(noise: Any) -> bool:
+    """Check whether noise is a distribution function `noise(z, y, params)`."""
+    return callable(noise) and len(inspect.signature(noise).parameters) == 3
+
+
+def _check(map: Map, box: Box, params: Any, samples: int, noise: Any, deviations: float) -> None:
+    check_whole("samples", samples, 1)
     if not 1 <= deviations < np.inf:
         raise ValueError(f"deviations: expected a finite number from 1, got {deviations}")
     check_map(map, box, params)
     if isinstance(map, Flow) and map.crossing:
         raise ValueError("map: noise needs equal durations of cells; give flow a number of steps")
-    law = noise if callable(noise) and len(inspect.signature(noise).parameters) == 3 else None
-    if law is not None and (traced(params) or "periodic" in box.axes):
+    if _is_law(noise) and (traced(params) or "periodic" in box.axes):
         raise ValueError(
             "noise: a distribution function needs known parameters and no periodic axis"
         )
-    if traced(params, noise):
-        return _traced_chain(map, box, params, samples, noise, key)
+
+
+def matrices(
+    map: Map,
+    box: Box,
+    params: Any = None,
+    *,
+    samples: int = 16,
+    noise: Any = 0.0,
+    deviations: float = 8.0,
+    key: Any = None,
+) -> tuple[csr_array, csr_array, Float[np.ndarray, "cells axes"]]:
+    """Compute the transition matrices of a [`chain`][] and of its second chain.
+
+    Returns them with the standard deviation of normal noise at each cell.
+    """
+    _check(map, box, params, samples, noise, deviations)
+    law = noise if _is_law(noise) else None
     spread = deviations_of(0.0 if law else noise, box)
     centres = box.centre(np.arange(box.size, dtype=np.int32))
     each = np.asarray(spread(centres, params))
@@ -149,16 +186,8 @@ def chain(
 
     cut = (deviation > 0) & (deviations * deviation < box.width * box.cells)
     tail = 2 * float(ndtr(-deviations)) * np.count_nonzero(cut)
-    half = Chain.from_scipy(vstack([*rows(max(1, samples // 2), 3.0, tail)]))
-    whole = Chain.from_scipy(vstack([*rows(samples, 1.0)]))
-    ends = np.array(box.axes) == "sink"
-    if (ends & (deviation > 0)).any() and persistent_groups(whole).count:
-        warn(
-            "noise: leads out of the box with less than 1e-12 per mapping from some groups, which "
-            'therefore never leave it; extend the box with axes="clamp", and take the cells beyond '
-            "its old ends as a target",
-        )
-    return Chain(whole.image, whole.probability, half)
+    half = vstack([*rows(max(1, samples // 2), 3.0, tail)], format="csr")
+    return vstack([*rows(samples, 1.0)], format="csr"), half, each
 
 
 @functools.partial(jax.jit, static_argnames="law")

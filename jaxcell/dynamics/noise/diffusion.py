@@ -1,4 +1,5 @@
 import dataclasses
+import itertools
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -15,7 +16,7 @@ from ...space.box import Box
 from ..imaging import check_map, mapped_points
 from ..maps import Flow, with_params
 from .deviations import deviations_of
-from .ends import Ends, Region
+from .ends import Ends, Region, within
 
 
 # The two points of Gauss' rule on a way of length 1.
@@ -85,12 +86,26 @@ def diffusion(
         1.0
     """
     require_x64("a diffusion")
-    return diffusion_to(field, Ends.of(box, regions_of(into)), params, noise)
+    return diffusion_to(field, Ends.of(box, regions_of(into, box)), params, noise)
 
 
-def regions_of(into: Any) -> dict[str, Any]:
-    """Return regions by their names; a single region is named `target`."""
-    return {} if into is None else dict(into) if isinstance(into, Mapping) else {"target": into}
+def regions_of(into: Any, box: Box) -> dict[str, Any]:
+    """Return regions by their names; a single region is named `target`.
+
+    **Raises:** `ValueError` for regions that share centres of cells.
+    """
+    if not isinstance(into, Mapping):
+        return {} if into is None else {"target": into}
+    centre = box.centre(np.arange(box.size, dtype=np.int32))
+    inside = {name: within(region, box, name)(centre) for name, region in into.items()}
+    for one, other in itertools.combinations(inside, 2):
+        if (both := inside[one] & inside[other]).any():
+            point = ", ".join(f"{x:.4g}" for x in centre[both.argmax()])
+            raise ValueError(
+                f"into: {one!r} and {other!r} overlap, as at ({point}); expected regions that "
+                "have no points in common"
+            )
+    return dict(into)
 
 
 def diffusion_to(

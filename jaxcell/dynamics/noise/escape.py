@@ -19,7 +19,7 @@ from ...space.box import Box
 from ..imaging import OnBox, axis_names
 from ..maps import Flow, Map, with_params
 from ..system import System
-from .chains import chain
+from .chains import chain, matrices
 from .deviations import listed
 from .diffusion import diffusion_to, regions_of
 from .ends import Ends, Region, within
@@ -270,7 +270,7 @@ def escape(
         map = with_params(system, 2, "map")
     if box is None:
         raise ValueError("box: expected a box for a map")
-    regions = regions_of(into)
+    regions = regions_of(into, box)
     if out_of is not None:
         inside = within(out_of, box, "out_of")
         regions["outside"] = lambda points: ~inside(points)
@@ -279,6 +279,11 @@ def escape(
     if not ends.names:
         raise ValueError(
             "into: expected a region where the system ends, or a box with an axis that is a sink"
+        )
+    if not ends.alive.any():
+        raise ValueError(
+            "into: the centre of every cell is in a region where the system ends; expected a box "
+            "with cells outside of all regions"
         )
     if start is not None:
         start = tuple(float(one) for one in start)
@@ -293,11 +298,8 @@ def escape(
             _diffused(map, each, params, noise) for each in (ends, Ends.of(half, same))
         )
     else:
-        one = chain(map, box, params, noise=noise, **options)
-        assert one.half is not None
-        whole, coarse = (
-            _Stopped(ends, ends.stopped(each.to_scipy()), 1.0, False) for each in (one, one.half)
-        )
+        both = matrices(map, box, params, noise=noise, **options)[:2]
+        whole, coarse = (_Stopped(ends, ends.stopped(rows), 1.0, False) for rows in both)
     solved, other = whole.solve(start), coarse.solve(start)
     Certificate(0, solved["residual"], TOLERANCE).check("escape", True)
     values, errors = solved["numbers"], _errors(solved, other["numbers"])
@@ -327,16 +329,19 @@ def _errors(solved: Mapping[str, Any], moved: Mapping[str, Any]) -> dict[str, An
     """Estimate the error of each number from a coarser chain, fewer modes, and the solver.
 
     The difference of a single number may vanish by chance, so that all times have at least the
-    largest relative error among the mean, the deviation and the rate.
+    largest relative error among the mean, the deviation and the rate, and so have probabilities
+    `p`, relative to `p (1 - p)`.
     """
     values, rough, residual = solved["numbers"], solved["rough"], solved["residual"]
     errors = {
         name: abs(value - moved[name]) + abs(value - rough[name]) + residual * value
         for name, value in values.items()
     }
-    least = max(errors[name] / values[name] for name in ("mean_time", "deviation", "rate"))
-    for name in errors.keys() - {"probability"}:
-        errors[name] = np.maximum(errors[name], least * values[name])
+    known = [name for name in ("mean_time", "deviation", "rate") if values[name] > 0]
+    least = max(errors[name] / values[name] for name in known)
+    for name, value in values.items():
+        scale = value * (1 - value) if name == "probability" else value
+        errors[name] = np.maximum(errors[name], least * scale)
     return {f"{name}_error": error for name, error in errors.items()}
 
 

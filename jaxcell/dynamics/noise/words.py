@@ -20,6 +20,11 @@ def answer_of(escape: Any) -> tuple[str, ...]:
         seen = [k for k in order[:4] if escape.probability[k] >= 0.0005]
         shares = [f"{escape.end[k]} {escape.probability[k]:.1%}" for k in seen]
         sentences.append(f"It leaves to: {', '.join(shares)}.")
+    if not escape.continuous:
+        names = escape.names[0] if len(escape.names) == 1 else f"({', '.join(escape.names)})"
+        last = [f"{x:.3g}" for x in escape.path[-1]]
+        place = last[0] if len(last) == 1 else f"({', '.join(last)})"
+        sentences.append(f"The most probable path ends with a mapping from {names} = {place}.")
     if escape.elasticity is not None:
         order = np.argsort(-np.abs(escape.elasticity), kind="stable")
         each = [
