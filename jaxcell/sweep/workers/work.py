@@ -183,10 +183,10 @@ def _study(task: Task) -> type[Study] | None:
 def prepared(spec: Spec) -> Spec:
     """Check a specification with the parameters of its first chunk, and make its paths absolute."""
     try:
-        spec = with_task_found(spec)
+        spec = with_files_found(with_task_found(spec))
         if (study := study_of(spec.task)) is not None:
             check_members(study, spec.batch(spec.chunk(0)), spec.fixed, spec.seed)
-        return with_files_found(spec)
+        return spec
     except ValueError as error:
         raise ValueError(f"{spec.path}: {error}") from error
 
