@@ -268,8 +268,13 @@ def test_places_of_the_members_of_a_smaller_sweep(tmp_path, old, new, places):
     ],
     ids=["results", "params", "into", "map"],
 )
-def test_what_is_wrong_for_all_members_is_refused(text, message, tmp_path):
+def test_mistakes_that_all_members_share_are_refused(text, message, tmp_path):
     (tmp_path / "broken.json").write_text("{")
     (tmp_path / "spec.toml").write_text(text)
     with pytest.raises(ValueError, match=f"spec.toml: .*{message}"):
         run_sweep(Spec.load(tmp_path / "spec.toml"), tmp_path / "out")
+
+
+def test_number_without_a_zero_is_explained(spec_file):
+    with pytest.raises(ValueError, match=r"Invalid value .*; write 0\.5 for \.5"):
+        Spec.load(spec_file("[grid]\nx = [1.0, .5]"))
