@@ -113,8 +113,15 @@ def study_task(
 def check_members(
     study: type[Study], batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int
 ) -> None:
-    """Raise `ValueError` for a wrong parameter of a member, or a file that cannot be read."""
-    (_, first, _), *_ = _together(study, batch, fixed, seed)
+    """Raise `ValueError` for a wrong parameter of a member."""
+    _together(study, batch, fixed, seed)
+
+
+def check_first(
+    study: type[Study], batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int
+) -> None:
+    """Raise `ValueError` if the first member has a file that cannot be read."""
+    first = member_study(study, {**fixed, **{k: v[0].item() for k, v in batch.items()}}, seed)
     # The workers may have more memory, and they name a missing file.
     with contextlib.suppress(MemoryError, OSError):
         first.memory()
