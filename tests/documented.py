@@ -78,9 +78,11 @@ def on_a_cluster_of_this_machine(line):
 
 
 def with_fewer_rooms(line):
-    """Run a sweep of a thousandth of the rooms, which would take a minute."""
-    path = Path("million.toml")
-    path.write_text(path.read_text().replace("125000", "125"))
+    """Run a sweep of a thousandth of the rooms, which would take minutes."""
+    path = Path(shlex.split(line)[2])
+    path.write_text(
+        path.read_text().replace("125000", "125").replace("count = 1000 ", "count = 1 ")
+    )
     assert main(shlex.split(line)[1:]) == 0, line
 
 
@@ -108,6 +110,7 @@ SUBSTITUTES = {
     "/dev/ttyUSB0": on_an_emulated_line,
     "dask://scheduler:8786": on_a_cluster_of_this_machine,
     "sweep million.toml": with_fewer_rooms,
+    "sweep dock.toml": with_fewer_rooms,
     "pip install ": with_known_extras,
     "make ": of_a_recipe,
 }

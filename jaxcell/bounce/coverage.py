@@ -19,7 +19,7 @@ from ..mapping import PersistentGroups, persistent_groups
 from ..markov import LimitingDistribution, hitting_times, limiting_distribution
 from ..optimize import mixture
 from ..space import CELL_BY_CELL, CellSpace, Motion, estimates
-from .dynamics import Bounces, bounce_shift, moves as moves_of
+from .dynamics import Bounces, Moves, bounce_shift, moves as moves_of
 from .groups import padded
 from .noisy_map import noisy_chain, noisy_turns
 
@@ -225,11 +225,28 @@ def coverage_policy(
     require_x64("coverage_policy")
     if not traced(bounces):
         check_different(bounces, cells.directions)
-    turns = [noisy_turns(b, error, reliability, cells.directions) for b in bounces]
+    branches = len(noisy_turns(bounces[0], error, reliability, cells.directions)[0])
     wanted = coverage_target(cells, target)
-    needed = functools.partial(estimates.coverage, angles=len(turns), branches=len(turns[0][0]))
+    needed = functools.partial(estimates.coverage, angles=len(bounces), branches=branches)
     estimates.check_cells(cells, motion, needed, "coverage")
     possible = moves_of(cells, motion=motion)
+    about = error, reliability, wanted, weights, goal, progress
+    return policy_of_moves(cells, possible, bounces, *about)
+
+
+def policy_of_moves(
+    cells: CellSpace,
+    possible: Moves,
+    bounces: Any,
+    error: float,
+    reliability: float | Array,
+    target: Float[Any, "positions"],
+    weights: Literal["basin", "size"],
+    goal: Bool[np.ndarray | Array, "positions"] | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> CoveragePolicy:
+    """Find the mixture of [`coverage_policy`][] from the moves of the cells and from the target."""
+    turns = [noisy_turns(b, error, reliability, cells.directions) for b in bounces]
     groups, limiting, coverage, arrival = [], [], [], []
     there = None if goal is None else namespace(goal).tile(goal, cells.directions)
     for turn, probability in turns:
@@ -243,14 +260,14 @@ def coverage_policy(
         if progress is not None:
             progress(len(coverage))
     each = jnp.stack(coverage)
-    best = mixture(each.T, wanted)
+    best = mixture(each.T, target)
     return CoveragePolicy(
         cells=cells,
         bounce=namespace(bounces).asarray(bounces, float),
         alpha=best.weights,
         coverage=each,
         mixture=best.value,
-        target=put_on_device(wanted),
+        target=put_on_device(target),
         distance=best.distance,
         certificate=best.certificate,
         groups=tuple(groups),

@@ -45,10 +45,10 @@ def on_host(
     derivatives, which [`implicit`][] adds.
 
     `compute` is called for each member of a batch or, with `of_steps`, once for all members with
-    the same possible steps, whose probabilities do not matter. `many` is a function for several
-    members with the same steps: it gets a [`Batch`][] in place of each matrix, and numbers with a
-    row per member, and returns results with a row per member. Members whose results are not finite,
-    or all if it raises a `RuntimeError`, are left to `compute`.
+    the same possible steps, whose probabilities do not matter. `many` is a function for the
+    members of a batch with the same steps: it gets a [`Batch`][] in place of each matrix, and
+    numbers with a row per member, and returns results with a row per member. Members whose results
+    are not finite, or all if it raises a `RuntimeError`, are left to `compute`.
     """
     whole: Any
     tree: Any
@@ -91,14 +91,18 @@ def on_host(
         if not lead:
             return outer.unflatten(alone(values))
         values = [rows(x, own, lead) for x, own in zip(values, axes, strict=True)]
-        results = [np.empty((math.prod(lead), *part.shape), part.dtype) for part in forms]
-        left = np.ones(math.prod(lead), bool)
+        size = math.prod(lead)
+        results = [np.empty((size, *part.shape), part.dtype) for part in forms]
+        left = np.ones(size, bool)
         right = left.copy()
         for slots in zip(values[:count:2], values[1:count:2], strict=True):
             right &= are_chains(*(x if x.strides[0] else x[:1] for x in slots))
         with contextlib.suppress(RuntimeError):
             for part in alike(values[:count], values[count:]) if of_steps or many else ():
                 part = part[right[part]]
+                if part.size == 1 and many and size > 1:
+                    # Its numbers do not depend on the other members of the batch.
+                    part = np.repeat(part, 2)
                 if part.size > (not of_steps):
                     for result, found in zip(results, together(values, part), strict=True):
                         result[part] = found

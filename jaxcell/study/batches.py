@@ -1,6 +1,5 @@
 """Batches of members of a sweep: one program of JAX computes the numbers of many studies."""
 
-import operator
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -12,9 +11,8 @@ if TYPE_CHECKING:
     import numpy as np
 
 
-# Smallest number of members for which a program is faster than single runs, and the largest one of
-# a batch.
-_LEAST, _MOST = 8, 256
+# Number of members in a call of a program. It reaches the rounding, so that all calls have it.
+_BLOCK = 16
 
 Numbers: TypeAlias = "dict[str, tuple[Quantity, np.ndarray]]"
 Program: TypeAlias = Callable[..., tuple[Any, dict[str, Any]]]
@@ -65,55 +63,65 @@ def numbers_of(
     alone: Callable[..., Result],
     columns: "Mapping[str, np.ndarray]",
     wanted: Wanted,
+    inner: "np.ndarray",
 ) -> Numbers:
     """Compute the wanted quantities of members that are single numbers, and their derivatives.
 
     A derivative by a parameter of `columns`, `d_quantity_d_parameter`, is computed only if it is
     wanted by its name.
 
-    A program is compiled once per number of members, so batches are powers of two, and the last
-    member fills one. It cannot raise an error, so members whose certificates do not hold are
-    computed alone, and so are a few members.
+    A program computes blocks of one size, which the last member fills, so that the numbers of a
+    member do not depend on the others. It cannot raise an error, so members whose certificates do
+    not hold are computed alone.
 
     **Arguments:** the class of results; a function that compiles a program of the parameters for
     the names of quantities, see [`compiled`][]; a function that computes the result of one member;
-    and the parameters of all members.
+    the parameters of all members; and which members the program computes. Others, whose parameters
+    are at an edge, are computed alone; their derivatives are NaN.
     """
     import jax
     import numpy as np
 
     columns = {name: column.astype(float) for name, column in columns.items()}
-
-    def of_one(i: int) -> dict[str, Any]:
-        return scalars(alone(**{name: one[i].item() for name, one in columns.items()}), (), wanted)
-
-    count = len(next(iter(columns.values())))
     described = {name: about for name, about in quantities(kind).items() if not about.dims}
     slopes = {
-        f"d_{name}_d_{parameter}": quantity(
-            "", f"derivative of the {about.meaning}, by the {parameter}", about.units
+        f"d_{name}_d_{parameter}": (
+            name,
+            quantity("", f"derivative of the {about.meaning}, by the {parameter}", about.units),
         )
         for name, about in described.items()
         for parameter in (columns if wanted is not every else ())
+        if wanted(f"d_{name}_d_{parameter}")
     }
-    if count < _LEAST and not any(map(wanted, slopes)):
-        each = [of_one(i) for i in range(count)]
-        return {
-            k: (about, np.stack([one[k][1] for one in each])) for k, (about, _) in each[0].items()
-        }
-    described |= slopes
+    bases = {name for name, _ in slopes.values()}
+
+    def of_one(i: int) -> dict[str, Any]:
+        own = {name: one[i].item() for name, one in columns.items()}
+        found = scalars(alone(**own), (), lambda name: wanted(name) or name in bases)
+        numbers = {name: value for name, (_, value) in found.items() if wanted(name)}
+        smooth = {name for name, (_, value) in found.items() if value.dtype.kind == "f"}
+        return numbers | {name: np.nan for name, (base, _) in slopes.items() if base in smooth}
+
+    described |= {name: about for name, (_, about) in slopes.items()}
     compute = program((*filter(wanted, described),))
-    found = []
-    for start in range(0, count, _MOST):
-        size = min(_MOST, count - start)
-        rows = start + np.minimum(np.arange(1 << (size - 1).bit_length()), size - 1)
+    numbers: dict[str, np.ndarray] = {}
+
+    def fill(rows: Any, found: Mapping[str, Any]) -> None:
+        for name, value in found.items():
+            # The numbers of a program have 32 bits where those of a single result have 64.
+            kind = {"i": int, "f": float}.get(np.asarray(value).dtype.kind, bool)
+            numbers.setdefault(name, np.empty(inner.size, kind))[rows] = value
+
+    places, sure = np.flatnonzero(inner), inner.copy()
+    for start in range(0, places.size, _BLOCK):
+        rows = places[start : start + _BLOCK]
+        block = np.append(rows, np.repeat(rows[-1:], _BLOCK - rows.size))
         with jax.enable_x64(True):
-            batch = jax.device_get(compute(**{name: one[rows] for name, one in columns.items()}))
-        found.append(jax.tree.map(operator.itemgetter(slice(size)), batch))
-    sure, numbers = jax.tree.map(lambda *parts: np.concatenate(parts), *found)
-    # The numbers of a program have 32 bits where those of a single result have 64.
-    numbers = {name: x.astype(int) if x.dtype.kind == "i" else x for name, x in numbers.items()}
+            given = {name: one[block] for name, one in columns.items()}
+            sure[rows], found = jax.tree.map(
+                lambda part, count=rows.size: part[:count], jax.device_get(compute(**given))
+            )
+        fill(rows, found)
     for i in np.flatnonzero(~sure).tolist():
-        for name, (_, value) in of_one(i).items():
-            numbers[name][i] = value
+        fill(i, of_one(i))
     return {name: (described[name], column) for name, column in numbers.items()}

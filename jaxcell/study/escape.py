@@ -1,14 +1,20 @@
 import dataclasses
 import operator
 import re
-from collections.abc import Callable, Sequence
-from typing import Any, ClassVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from .. import dynamics
 from ..base import memory
 from ..base.formatting import did_you_mean
+from ..base.quantities import quantity
+from .batches import Numbers
 from .dynamics import SystemStudy, read_params
-from .study import Say, silent
+from .study import Say, Wanted, every, scalars, silent
+
+
+if TYPE_CHECKING:
+    import numpy as np
 
 
 # Bytes per cell of the matrix of a flow and its factors.
@@ -42,26 +48,43 @@ class Escape(SystemStudy):
     def memory(self, written: bool = False) -> float | int:
         needed = self.chosen.box.size * _BYTES_PER_CELL
         memory.check(needed, "escape", "give fewer --cells")
+        self._problem()
         return needed
 
     def run(self, say: Say = silent) -> "dynamics.Escape":
         self.memory()
+        say("solving")
+        return dynamics.escape(self.chosen, gradient=self.gradient, **self._problem())
+
+    def _problem(self) -> dict[str, Any]:
+        """Return the arguments of `escape`; raise `ValueError` if one of them is wrong."""
         system = self.chosen
         params = read_params(self.params, dict(system.params))
         for name, value in params.items():
             if isinstance(value, list):
                 raise ValueError(f"params: {name}: expected one value, got {len(value)}")
         names = system.labels or tuple(f"x{axis}" for axis in range(system.box.dimensions))
-        say("solving")
-        return dynamics.escape(
-            system,
-            params=params,
-            noise=self.noise if len(self.noise) > 1 else self.noise[0],
-            start=self.start or None,
-            into={text: region(text, names, "into") for text in self.into} or None,
-            out_of=region(self.leave, names, "leave") if self.leave else None,
-            gradient=self.gradient,
-        )
+        return {
+            "params": params,
+            "noise": self.noise if len(self.noise) > 1 else self.noise[0],
+            "start": self.start or None,
+            "into": {text: region(text, names, "into") for text in self.into} or None,
+            "out_of": region(self.leave, names, "leave") if self.leave else None,
+        }
+
+    def numbers(self, columns: "Mapping[str, np.ndarray]", wanted: Wanted = every) -> Numbers:
+        """Compute the numbers of a result, and its derivatives, `d_mean_time_d_NAME`."""
+        import numpy as np
+
+        result = self.run()
+        found = scalars(result, (), wanted)
+        if result.cause is None or result.derivative is None:
+            return found
+        for cause, slope in zip(result.cause, result.derivative, strict=True):
+            if wanted(name := f"d_mean_time_d_{cause}"):
+                about = quantity("", f"derivative of the mean time, by the {cause}")
+                found[name] = about, np.asarray(slope)
+        return found
 
 
 def region(text: str, names: Sequence[str], option: str) -> Callable[[Any], Any]:

@@ -5,6 +5,7 @@ import functools
 import itertools
 import math
 import os
+import re
 import reprlib
 import tomllib
 from collections import deque
@@ -27,6 +28,8 @@ _FIELDS = ("task", "seed", "chunk", "results", *_TABLES)
 _MAX_CHUNKS = 1_000_000
 _USUAL_CHUNKS = 2048
 _MAX_LETTERS = 500
+# A number without the 0 that TOML wants.
+_NO_ZERO = re.compile(rb"[=\[,]\s*(\.\d+)")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,6 +101,9 @@ class Spec(Shown):
         except ValueError as error:
             # Names and values may be of any length.
             message = str(error)
+            if isinstance(error, tomllib.TOMLDecodeError) and (found := _NO_ZERO.search(text)):
+                number = found[1].decode()
+                message += f"; write 0{number} for {number}"
             cut = message[:_MAX_LETTERS] + "..." * (len(message) > _MAX_LETTERS)
             raise ValueError(f"{path}: {cut}") from None
 

@@ -1,5 +1,6 @@
 """Run a study as the task of a sweep, with different parameters for each member."""
 
+import contextlib
 import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 
 from ..base.quantities import Quantity
 from ..study import Study
+from ..study.parameters import did_you_mean
 from ..study.study import every
 
 
@@ -25,10 +27,17 @@ def read_study(study: type[Asked], parameters: Mapping[str, Any]) -> Asked:
     named = ", ".join(known)
     for texts in {"errors", "params"} & known.keys():
         own = {name: one for name, one in parameters.items() if name.startswith(f"{texts}_")}
-        more = [f"{name.removeprefix(f'{texts}_')}={one}" for name, one in own.items()]
+        more = {name.removeprefix(f"{texts}_"): one for name, one in own.items()}
         parameters = {name: one for name, one in parameters.items() if name not in own}
         if more:
-            parameters[texts] = [*parameters.get(texts, []), *more]
+            given = parameters.get(texts, [])
+            listed = given if isinstance(given, list) else [given]
+            for text in listed:
+                if (twice := str(text).partition("=")[0].strip()) in more:
+                    raise ValueError(
+                        f"{texts}: {twice} is given twice, by {text!r} and by {texts}_{twice}"
+                    )
+            parameters[texts] = [*listed, *(f"{name}={one}" for name, one in more.items())]
     for name in parameters:
         if name not in known:
             raise ValueError(f"{name}: expected a parameter of {study.__name__}, one of {named}")
@@ -71,16 +80,22 @@ def study_task(
     parameters in `Study.varied` are computed together. **Returns:** the variables of a Dataset:
     xarray, whose import takes longer than that of JAX, is not imported.
     """
-    members = _members(batch)
+    members, known = _members(batch), dict[str, None]()
+
+    def wanted(name: str) -> bool:
+        known[name] = None
+        return name in results
+
     found: dict[str, tuple[Quantity, list[tuple[np.ndarray, np.ndarray]]]] = {}
     for rows, one, columns in _together(study, batch, fixed, seed):
-        numbers = one.numbers(columns, results.__contains__ if results else every)
+        numbers = one.numbers(columns, wanted if results else every)
         for name, (about, value) in numbers.items():
             found.setdefault(name, (about, []))[1].append((rows, value))
     if missing := [name for name in results if name not in found]:
+        meant = did_you_mean(missing[0], known)
         raise ValueError(
-            f"results: {study.__name__} has no number {missing[0]!r}; without `results` a sweep "
-            "has all of them"
+            f"results: {study.__name__} has no number {missing[0]!r}{meant}; without `results` a "
+            "sweep has all of them"
         )
     variables = {}
     for name, (about, parts) in found.items():
@@ -100,6 +115,16 @@ def check_members(
 ) -> None:
     """Raise `ValueError` for a wrong parameter of a member."""
     _together(study, batch, fixed, seed)
+
+
+def check_first(
+    study: type[Study], batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int
+) -> None:
+    """Raise `ValueError` if the first member has a file that cannot be read."""
+    first = member_study(study, {**fixed, **{k: v[0].item() for k, v in batch.items()}}, seed)
+    # The workers may have more memory, and they name a missing file.
+    with contextlib.suppress(MemoryError, OSError):
+        first.memory()
 
 
 def _members(batch: Mapping[str, np.ndarray]) -> int:

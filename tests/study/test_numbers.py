@@ -7,8 +7,13 @@ import pytest
 
 from jaxcell import bundled
 from jaxcell.bounce import noisy_bounce_map
-from jaxcell.study import Cover, Dynamics, Groups, Rooms
+from jaxcell.study import Cover, Dynamics, Escape, Groups, Rooms
 from jaxcell.sweep.study_task import read_study, study_task
+
+
+def columns_of(*args):
+    """The columns of the task of a study, by name."""
+    return {name: column for name, (_, column, _) in study_task(*args).items()}
 
 
 def alone(study, columns):
@@ -64,11 +69,9 @@ COVER = {"map": str(bundled("lab_a")), "directions": 8, "bounce": [45, 90, 135]}
     ids=["product", "scattered"],
 )
 @pytest.mark.parametrize("weights", ["basin", "size"])
-@pytest.mark.parametrize("least", [1, 8])
-def test_cover(batch, weights, least, monkeypatch):
-    monkeypatch.setattr("jaxcell.study.batches._LEAST", least)
+def test_cover(batch, weights):
     fixed = {**COVER, "weights": weights, "errors_turn": 45, "goal": "7.5,1.5,1.2"}
-    table = study_task(Cover, batch, {k: v for k, v in fixed.items() if k not in batch}, 0)
+    table = columns_of(Cover, batch, {k: v for k, v in fixed.items() if k not in batch}, 0)
     assert set(table) >= {"distance", "angles_used", "duality_gap", "goal_share", "goal_time"}
     for i in range(len(batch["reliability"])):
         one = {name: column[i].item() for name, column in batch.items()}
@@ -109,14 +112,66 @@ def test_cover_agrees_with_dense_linear_algebra():
 def test_single_member_has_derivatives_that_are_wanted():
     fixed = {**COVER, "errors_turn": 45, "goal": "7.5,1.5"}
     batch = {"reliability": np.array([0.6, 0.8])}
-    several = study_task(Cover, batch, fixed, 0, SLOPES)
-    alone = study_task(Cover, {"reliability": np.array([0.8])}, fixed, 0, SLOPES)
+    several = columns_of(Cover, batch, fixed, 0, SLOPES)
+    alone = columns_of(Cover, {"reliability": np.array([0.8])}, fixed, 0, SLOPES)
     for name in SLOPES:
         assert several[name].item(1) == pytest.approx(alone[name].item(0), rel=1e-8)
-    sure = study_task(Cover, {"reliability": np.array([1, 1])}, fixed, 0, ["distance", *SLOPES])
-    assert np.isfinite(sure["distance"]).all()
+    names = ["distance", *SLOPES]
+    # At a sure turn the numbers may jump, so they have no derivative there.
+    for values in ([1, 1], [0.8, 1.0, 0.9]):
+        sure = columns_of(Cover, {"reliability": np.array(values)}, fixed, 0, names)
+        assert np.isfinite(sure["distance"]).all()
+        for name in SLOPES:
+            assert (np.isnan(sure[name]) == (np.array(values) == 1)).all()
     with pytest.raises(ValueError, match="no number 'd_angles_used_d_reliability'"):
-        study_task(Cover, batch, fixed, 0, ["d_angles_used_d_reliability"])
+        columns_of(Cover, batch, fixed, 0, ["d_angles_used_d_reliability"])
+
+
+def test_numbers_of_a_member_do_not_depend_on_the_others():
+    study = read_study(Cover, {**COVER, "errors_turn": 45, "reliability": 0.8, "goal": "7.5,1.5"})
+    reliability = np.append(np.linspace(0.3, 0.99, 18), [1.0, 0.8])
+    wanted = {"distance", "goal_share", "goal_time", "duality_gap", *SLOPES}
+
+    def run(members):
+        found = study.numbers({"reliability": reliability[members]}, wanted.__contains__)
+        return {name: column for name, (_, column) in found.items()}
+
+    whole = run(np.arange(20))
+    shuffled = np.random.default_rng(0).permutation(20)
+    for members in (shuffled, shuffled[:3], np.array([18]), np.array([7])):
+        for name, column in run(members).items():
+            np.testing.assert_array_equal(column, whole[name][members])
+
+
+def test_derivatives_of_an_escape_are_columns():
+    fixed = {"system": "well", "cells": 60, "noise": 0.5, "start": -1.0, "into": "x>0"}
+    batch = {"gradient": np.array([True])}
+    found = columns_of(Escape, batch, fixed, 0)
+    result = read_study(Escape, {**fixed, "gradient": True}).run()
+    for cause, slope in zip(result.cause, result.derivative, strict=True):
+        assert found[f"d_mean_time_d_{cause}"].item() == slope
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"params": ["T=0.2"], "params_T": 0.3}, "params: T is given twice, by 'T=0.2' and by"),
+        ({"params": "T=0.2", "params_T": 0.3}, "params: T is given twice"),
+    ],
+)
+def test_parameter_that_is_given_twice_is_refused(given, message):
+    with pytest.raises(ValueError, match=message):
+        read_study(Dynamics, {"system": "pendulum", **given})
+    with pytest.raises(ValueError, match="errors: turn is given twice, by 'turn=45'"):
+        read_study(Cover, {**COVER, "reliability": 0.8, "errors": "turn=45", "errors_turn": 5})
+
+
+def test_results_that_need_a_goal_say_so():
+    batch = {"reliability": np.array([0.6, 0.8])}
+    with pytest.raises(ValueError, match="results: d_goal_time_d_reliability needs a goal"):
+        columns_of(Cover, batch, {**COVER, "errors_turn": 45}, 0, ["d_goal_time_d_reliability"])
+    with pytest.raises(ValueError, match="no number 'longest_periods'; did you mean longest_per"):
+        columns_of(Rooms, {"room": np.arange(2)}, {"bounce": 45}, 0, ["longest_periods"])
 
 
 def test_goal_that_may_be_missed_takes_forever():
@@ -140,12 +195,12 @@ def test_goal_that_may_be_missed_takes_forever():
 def test_wrong_parameter_of_a_batch_raises_the_error_of_a_single_run(fixed, message):
     batch = {"reliability": np.linspace(1.0, 0.8, 8)}
     with pytest.raises(ValueError, match=message):
-        study_task(Cover, batch, {**COVER, "errors_turn": 45, **fixed}, 0)
+        columns_of(Cover, batch, {**COVER, "errors_turn": 45, **fixed}, 0)
 
 
 def test_parameter_of_a_system_varies_as_a_number():
     fixed = {"system": "henon", "cells": 30, "params": ["b=0.3"]}
-    table = study_task(Dynamics, {"params_a": np.array([0.2, 1.4])}, fixed, 0)
+    table = columns_of(Dynamics, {"params_a": np.array([0.2, 1.4])}, fixed, 0)
     for i, a in enumerate([0.2, 1.4]):
         result = Dynamics("henon", cells=(30,), params=(f"a={a}", "b=0.3")).run()
         assert table["groups"][i] == result.groups
@@ -157,14 +212,14 @@ def test_only_wanted_numbers_are_computed(monkeypatch):
     monkeypatch.setattr("jaxcell.bounce.group_results.heading_filter_sizes", None)
     batch = {"room": np.arange(3)}
     fixed = {"bounce": 45, "columns": 9, "rows": 7, "directions": 8}
-    table = study_task(Rooms, batch, fixed, 0, ["longest_period", "count"])
+    table = columns_of(Rooms, batch, fixed, 0, ["longest_period", "count"])
     assert set(table) == {"longest_period", "count"}
     with pytest.raises(ValueError, match="results: Rooms has no number 'kemeny'"):
-        study_task(Rooms, batch, fixed, 0, ["kemeny"])
+        columns_of(Rooms, batch, fixed, 0, ["kemeny"])
 
 
 def test_each_value_of_a_column_is_within_its_limits():
     with pytest.raises(ValueError, match="room: expected at least 0, got -2"):
-        study_task(Rooms, {"room": np.array([1, -2, 3])}, {"bounce": 45}, 0)
+        columns_of(Rooms, {"room": np.array([1, -2, 3])}, {"bounce": 45}, 0)
     with pytest.raises(ValueError, match="bounce: expected one value for each member, got 2"):
-        study_task(Rooms, {"room": np.arange(2)}, {"bounce": [45, 90]}, 0)
+        columns_of(Rooms, {"room": np.arange(2)}, {"bounce": [45, 90]}, 0)

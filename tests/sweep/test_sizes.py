@@ -145,3 +145,29 @@ def test_a_member_without_certificate_is_found_in_its_batch(tmp_path):
     with open_sweep(tmp_path / "out") as dataset:
         np.testing.assert_array_equal(dataset.root.values[1:], np.sqrt(np.arange(999)))
         assert np.isnan(dataset.root.values[0])
+
+
+def test_bytes_of_derivatives_do_not_depend_on_chunks_and_resumption(tmp_path):
+    text = """
+    task = "cover"
+    results = ["distance", "goal_time", "d_distance_d_reliability", "d_goal_time_d_reliability"]
+    {chunk}
+    [fixed]
+    map = "@lab_a"
+    directions = 8
+    errors_turn = 45
+    goal = "7.5,3.5"
+    [grid]
+    bounce = [45, 90]
+    reliability = [0.3, 0.5, 0.7, 0.9, 1.0]
+    """
+    found = {}
+    for chunk in ("", "chunk = 1", "chunk = 7", "chunk = 3"):
+        (tmp_path / "spec.toml").write_text(text.format(chunk=chunk))
+        spec, out = Spec.load(tmp_path / "spec.toml"), tmp_path / f"out{len(found)}"
+        if chunk == "chunk = 3":
+            run_sweep(spec, out, chunks=[1])
+        run_sweep(spec, out, resume=True)
+        with open_sweep(out) as dataset:
+            found[chunk] = {name: dataset[name].values.tobytes() for name in spec.results}
+    assert all(one == found[""] for one in found.values())

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from jaxcell.sweep import Spec
+from jaxcell.sweep import Spec, run_sweep
 
 
 def load(folder, text):
@@ -249,3 +249,32 @@ def test_places_of_the_members_of_a_smaller_sweep(tmp_path, old, new, places):
     first = load(tmp_path, f'task = "a:b"\n{old}')
     mapped = load(tmp_path, f'task = "a:b"\n{new}').places_in(first)
     assert (mapped and {name: some.tolist() for name, some in mapped.items()}) == places
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            'task = "rooms"\nresults = ["nosuch"]\n[grid]\nroom = {count = 3}\nbounce = [45]',
+            "nosuch",
+        ),
+        ('task = "dynamics"\n[fixed]\nsystem = "henon"\n[grid]\nparams_Q = [1.0]', "Q=1.0"),
+        (
+            'task = "escape"\n[fixed]\nsystem = "duffing"\ninto = "position>1.5,z<1"\n'
+            "[grid]\nnoise = [0.5]",
+            "'z'",
+        ),
+        ('task = "groups"\n[fixed]\nmap = "broken.json"\n[grid]\nbounce = [45]', "broken.json"),
+    ],
+    ids=["results", "params", "into", "map"],
+)
+def test_mistakes_that_all_members_share_are_refused(text, message, tmp_path):
+    (tmp_path / "broken.json").write_text("{")
+    (tmp_path / "spec.toml").write_text(text)
+    with pytest.raises(ValueError, match=f"spec.toml: .*{message}"):
+        run_sweep(Spec.load(tmp_path / "spec.toml"), tmp_path / "out")
+
+
+def test_number_without_a_zero_is_explained(spec_file):
+    with pytest.raises(ValueError, match=r"Invalid value .*; write 0\.5 for \.5"):
+        Spec.load(spec_file("[grid]\nx = [1.0, .5]"))

@@ -16,6 +16,13 @@ from ..study import Say, Wanted, every, radians, renamed, silent
 if TYPE_CHECKING:
     import numpy as np
 
+# The numbers that a goal adds.
+_OF_GOAL = tuple(
+    f"{before}{name}{after}"
+    for name in ("goal_share", "goal_time")
+    for before, after in (("", ""), ("d_", "_d_reliability"))
+)
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Cover(MapStudy):
@@ -114,18 +121,25 @@ class Cover(MapStudy):
             return super().numbers(columns, wanted)
         cells = self.cells()
         options = self._options(cells)
-        shared = radians(self.bounce), options.pop("target"), options.pop("goal")
+        moves = bouncing.moves(cells, motion=options.pop("motion"))
+        shared = radians(self.bounce), moves, options.pop("target"), options.pop("goal")
 
         def program(names: tuple[str, ...]) -> Program:
-            return functools.partial(_program(cells, names, **options), *shared)
+            made = _program(cells.positions, cells.directions, names, **options)
+            return functools.partial(made, *shared)
 
         def alone(**own: Any) -> "bouncing.CoveragePolicy":
             return dataclasses.replace(self, **own).run()
 
+        asked = (*filter(wanted, _OF_GOAL),) if wanted is not every else ()
+        if asked and self.goal is None:
+            raise ValueError(f"results: {asked[0]} needs a goal")
         with renamed(bounces="bounce", error="errors"):
             # The angles of a program have no values, which could be wrong.
             check_different(shared[0], cells.directions)
-            return numbers_of(bouncing.CoveragePolicy, program, alone, columns, wanted)
+            # A sure turn has fewer possible steps, so that its numbers may jump.
+            inner = columns["reliability"] < 1
+            return numbers_of(bouncing.CoveragePolicy, program, alone, columns, wanted, inner)
 
     def verify(self, result: Any) -> "Sequence[verification.Comparison]":
         error = math.radians(self.error)
@@ -134,11 +148,19 @@ class Cover(MapStudy):
         )
 
 
-@functools.lru_cache(maxsize=16)
-def _program(cells: "space.CellSpace", names: tuple[str, ...], **options: Any) -> Program:
-    def policy(bounces: Any, target: Any, goal: Any, reliability: Any) -> Any:
-        return bouncing.coverage_policy(
-            cells, bounces, target=target, goal=goal, reliability=reliability, **options
+@functools.lru_cache(maxsize=64)
+def _program(positions: int, directions: int, names: tuple[str, ...], **options: Any) -> Program:
+    """Compile a program for all maps with as many positions."""
+    import numpy as np
+
+    from ...bounce.coverage import policy_of_moves
+
+    # The program reads the moves of the map, and of the cells their number.
+    cells = space.CellSpace.of_grid(np.ones((1, positions), bool), directions)
+
+    def policy(bounces: Any, moves: Any, target: Any, goal: Any, reliability: Any) -> Any:
+        return policy_of_moves(
+            cells, moves, bounces, target=target, goal=goal, reliability=reliability, **options
         )
 
     return compiled(policy, names)

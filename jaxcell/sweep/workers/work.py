@@ -26,7 +26,7 @@ from ...study.loading import load_object
 from ...study.study import about
 from ..design import LIST_DIMENSION
 from ..spec import Chunk, Spec
-from ..study_task import check_members, study_task
+from ..study_task import check_first, check_members, study_task
 
 
 Task = Callable[[Mapping[str, np.ndarray], Mapping[str, Any], int], Any]
@@ -184,9 +184,12 @@ def prepared(spec: Spec) -> Spec:
     """Check a specification with the parameters of its first chunk, and make its paths absolute."""
     try:
         spec = with_task_found(spec)
-        if (study := study_of(spec.task)) is not None:
-            check_members(study, spec.batch(spec.chunk(0)), spec.fixed, spec.seed)
-        return with_files_found(spec)
+        if (study := study_of(spec.task)) is None:
+            return with_files_found(spec)
+        check_members(study, spec.batch(spec.chunk(0)), spec.fixed, spec.seed)
+        spec = with_files_found(spec)
+        check_first(study, spec.batch(spec.chunk(0)), spec.fixed, spec.seed)
+        return spec
     except ValueError as error:
         raise ValueError(f"{spec.path}: {error}") from error
 
