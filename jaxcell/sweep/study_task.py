@@ -9,9 +9,9 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 
+from ..base.formatting import did_you_mean
 from ..base.quantities import Quantity
 from ..study import Study
-from ..study.parameters import did_you_mean
 from ..study.study import every
 
 
