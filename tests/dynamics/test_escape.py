@@ -69,7 +69,7 @@ def test_brownian_motion_leaves_a_disc_by_its_harmonic_measure():
         start=[0.2, 0.3],
         into={
             "up": lambda x: (np.hypot(*x.T) >= 1) & (x[:, 1] > 0),
-            "down": lambda x: np.hypot(*x.T) >= 1,
+            "down": lambda x: (np.hypot(*x.T) >= 1) & (x[:, 1] <= 0),
         },
     )
     assert found.end[:2] == ("up", "down")

@@ -139,7 +139,7 @@ def test_guards_stay_where_there_are_enough_of_them():
     game = Game.of(floor(), 9.0, robots=5, targets=["vault", "archive", "server"], speed=1.2)
     found = best_rounds(game)
     answer = Guarded.of(game, found.routes, bound=bound(game)).answer
-    assert answer[0] == "No intruder escapes: a guard stays at each target."
+    assert answer[0] == "No intruder escapes, whatever they see: a guard stays at each target."
     assert "Guard 1 stays at vault." in answer
 
 
