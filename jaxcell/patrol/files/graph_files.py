@@ -25,16 +25,11 @@ hall yard
 ```
 """
 
-import contextlib
-import functools
 import os
-import re
 import reprlib
-import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
-from xml.etree.ElementTree import ParseError
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -43,39 +38,22 @@ from ...base.bundled import with_path
 from ...base.documents import (
     MAX_NUMBER,
     Fields,
-    check_file,
     checked_number,
     checked_pair,
-    decode_json,
-    read_text,
     refused,
 )
 from ...optimize import Graph
-from ...optimize.geographic import degrees, great_circles, in_metres, positioned
+from ...optimize.geographic import degrees, great_circles, in_metres
 from ...optimize.graph import numbered
+from .graph_formats import Edge, Vertex, about_file, of_networkx, parsed
 
 
-LIST_SUFFIXES = (".edges", ".txt")
-SUFFIXES = ".json (node-link), .graphml, .gml, .adjlist, .graph, .edges or .txt (edge list)"
-_NETWORKX = (".graphml", ".gml", ".adjlist")
-_WEIGHT = re.compile(r"""["\s]weight["\s]""")
-# Errors of networkx for damaged files, besides its own.
-_FAULTS = (LookupError, TypeError, ValueError, AttributeError, RecursionError, ParseError)
-_MAX_BYTES = 64 * 1024**2
 # Edges that are all shorter, in metres, are rather differences of degrees.
 _SHORT = 0.1
 _DIRECTED = (
     "it is directed; expected an undirected graph, whose edges a patroller can walk both ways: "
     "give each pair of neighbours once; rounds on one-way edges are found by `jaxcell patrol guard`"
 )
-
-
-class Vertex(NamedTuple):
-    """A vertex as read from a file, not yet checked; `field` is its place there, for errors."""
-
-    field: str
-    name: object
-    attributes: Mapping[str, Any]
 
 
 class Ways(NamedTuple):
@@ -88,15 +66,6 @@ class Ways(NamedTuple):
     xy: Float[np.ndarray, "vertices 2"] | None
     omitted: tuple[str, ...]
     "Sentences about edges of the file that are left out."
-
-
-class Edge(NamedTuple):
-    """An edge as read from a file, not yet checked; `field` is its place there, for errors."""
-
-    field: str
-    tail: object
-    head: object
-    length: object = None
 
 
 def load_graph(path: str | os.PathLike[str] | Any) -> tuple[Graph, tuple[str, ...]]:
@@ -122,7 +91,7 @@ def load_graph(path: str | os.PathLike[str] | Any) -> tuple[Graph, tuple[str, ..
         graph = path if isinstance(path, Graph) else Graph(path)
         return graph, tuple(map(str, range(graph.vertices) if path is graph else numbered(path)))
     path = Path(with_path(os.fspath(path)))
-    vertices, edges, directed = _parsed(path)
+    vertices, edges, directed = parsed(path)
     with about_file(path):
         if directed:
             raise ValueError(f"{directed}: {_DIRECTED}")
@@ -157,36 +126,11 @@ def load_ways(path: str | os.PathLike[str] | Any) -> Ways:
         lengths = np.tile(path.lengths, 2) if measured else None
         return Ways(tuple(map(str, range(path.vertices))), both, lengths, path.xy, ())
     if hasattr(path, "is_multigraph"):
-        return _checked_ways(*_of_networkx(path))
+        return _checked_ways(*of_networkx(path))
     path = Path(with_path(os.fspath(path)))
-    parts = _parsed(path)
+    parts = parsed(path)
     with about_file(path):
         return _checked_ways(*parts)
-
-
-@contextlib.contextmanager
-def about_file(path: Path) -> Iterator[None]:
-    """Put the name of a file before the message of a `ValueError`."""
-    try:
-        yield
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
-
-
-def _parsed(path: Path) -> tuple[list[Vertex], list[Edge], str]:
-    """Parse a file. The text is the field that makes the graph directed, or empty."""
-    check_file(path, "a graph")
-    suffix = path.suffix.lower()
-    parsers: dict[str, Callable[[str], tuple[list[Vertex], list[Edge], str]]] = {
-        ".json": _parse_json,
-        ".graph": _parse_simulator,
-        **dict.fromkeys(LIST_SUFFIXES, _parse_list),
-        **{name: functools.partial(_parse_networkx, name) for name in _NETWORKX},
-    }
-    with about_file(path):
-        if suffix not in parsers:
-            raise ValueError(f"unknown format {suffix!r}; expected {SUFFIXES}")
-        return parsers[suffix](_text(path))
 
 
 def _check_metres(xy: Float[np.ndarray, "vertices 2"], lengths: Float[np.ndarray, "_"]) -> None:
@@ -200,174 +144,6 @@ def _check_metres(xy: Float[np.ndarray, "vertices 2"], lengths: Float[np.ndarray
             "y are degrees, name them lon and lat, or set crs of the graph to EPSG:4326; "
             "otherwise give the edges their lengths in metres"
         )
-
-
-def _parse_json(text: str) -> tuple[list[Vertex], list[Edge], str]:
-    document = decode_json(text, "a graph")
-    if not isinstance(document, dict):
-        raise ValueError(f"expected an object with nodes and edges, got {reprlib.repr(document)}")
-    if document.get("format") == "jaxcell-map":
-        raise ValueError("it is a map, not a graph; study.PatrolMap takes it")
-    # networkx until version 3.4, and D3, call the edges "links".
-    key = "edges" if "edges" in document else "links"
-    fields, about = Fields(document), document.get("graph")
-    crs = about.get("crs") if isinstance(about, dict) else None
-    return (
-        [
-            Vertex(f"nodes[{i}]", node.needed("id"), positioned(node.values, crs))
-            for i, node in enumerate(fields.parts("nodes"))
-        ],
-        [
-            Edge(f"{key}[{i}]", edge.needed("source"), edge.needed("target"), edge.get("length"))
-            for i, edge in enumerate(fields.parts(key))
-        ],
-        "directed" if document.get("directed") else "",
-    )
-
-
-def _parse_networkx(suffix: str, text: str) -> tuple[list[Vertex], list[Edge], str]:
-    import networkx as nx
-
-    lines = text.splitlines()
-    if suffix == ".graphml" and "<!DOCTYPE" in text:
-        raise ValueError(
-            "it has a document type (<!DOCTYPE ...>), which GraphML does without and whose "
-            "entities can grow without bounds; expected none"
-        )
-    try:
-        with warnings.catch_warnings():
-            # Warnings about ports and types are ignored.
-            warnings.simplefilter("ignore")
-            graph = {
-                ".graphml": lambda: nx.parse_graphml(text, force_multigraph=True),
-                ".gml": lambda: nx.parse_gml(lines),
-                ".adjlist": lambda: nx.parse_adjlist(lines),
-            }[suffix]()
-    except (nx.NetworkXError, *_FAULTS) as error:
-        raise ValueError(f"not {suffix} that networkx reads: {str(error)[:300]}") from None
-    vertices, edges, directed = _of_networkx(graph)
-    return vertices, edges, "edgedefault" if directed and suffix == ".graphml" else directed
-
-
-def _of_networkx(graph: Any) -> tuple[list[Vertex], list[Edge], str]:
-    """Return the parts of a graph of networkx, whose numbers may be those of NumPy."""
-
-    def plain(value: Any) -> Any:
-        if isinstance(value, list | tuple | np.ndarray):
-            return [plain(each) for each in value]
-        return value.item() if isinstance(value, np.generic) else value
-
-    crs = graph.graph.get("crs")
-    return (
-        [
-            Vertex(
-                f"node {name!r}",
-                str(name),
-                positioned({key: plain(value) for key, value in members.items()}, crs),
-            )
-            for name, members in graph.nodes(data=True)
-        ],
-        [
-            Edge(f"edge {tail!r} to {head!r}", str(tail), str(head), plain(length))
-            for tail, head, length in graph.edges(data="length")
-        ],
-        "directed" if graph.is_directed() else "",
-    )
-
-
-def _parse_simulator(text: str) -> tuple[list[Vertex], list[Edge], str]:
-    """Parse a graph of patrolling_sim, the ROS simulator of patrols (Portugal and Rocha).
-
-    The file begins with the number of vertices, the width and height of the picture, metres per
-    pixel, and the offset of the origin. Each vertex has a number, two coordinates in pixels, the
-    count of its neighbours, and for each neighbour its number, a direction (N, SE, ...) and the
-    length of the path in pixels.
-    """
-    words = text.split()
-    at = 0
-
-    def number(what: str) -> float:
-        nonlocal at
-        at += 1
-        if at > len(words):
-            raise ValueError(f"it ends after {len(words)} words; expected more; is it truncated?")
-        return checked_number(f"word {at}", words[at - 1], what, text=True)
-
-    def count(what: str) -> int:
-        value = number(what)
-        if value < 0 or value % 1:
-            raise refused(f"word {at}", what, words[at - 1])
-        return int(value)
-
-    total = count("the number of vertices")
-    for _ in range(2):
-        number("a size in pixels")
-    scale = number("the metres per pixel")
-    if scale <= 0:
-        raise refused(f"word {at}", "more than 0 metres per pixel", words[at - 1])
-    right, up = number("an offset in metres"), number("an offset in metres")
-    vertices: list[Vertex] = []
-    edges: list[Edge] = []
-    lengths: dict[frozenset[str], float] = {}
-    for _ in range(total):
-        name, field = str(count("the number of a vertex")), f"word {at}"
-        x, y = number("a coordinate in pixels"), number("a coordinate in pixels")
-        vertices.append(Vertex(field, name, {"x": x * scale + right, "y": y * scale + up}))
-        for _ in range(count("the number of neighbours")):
-            other, place = str(count("the number of a neighbour")), f"word {at}"
-            at += 1  # The direction.
-            length = number("the length of a path in pixels") * scale
-            ends = frozenset((name, other))
-            if ends not in lengths:
-                edges.append(Edge(place, name, other, length))
-            back = lengths.setdefault(ends, length)
-            if back != length:
-                raise ValueError(
-                    f"{place}: from vertex {name} to {other} it is {length:g} m, and "
-                    f"{back:g} m back; expected equal lengths in both directions"
-                )
-    if at < len(words):
-        raise ValueError(f"word {at + 1}: {words[at]!r} comes after the last of {total} vertices")
-    return vertices, edges, ""
-
-
-def has_weights(path: str | os.PathLike[str] | Any) -> bool:
-    """Check whether the edges of a graph file have weights, which [`load_graph`][] does not read.
-
-    The result is `False` for formats without weights, and for a graph that is not a file.
-
-    The graph of section 4.5.2 of Alam 2018 has no weights:
-
-        >>> from jaxcell import bundled, patrol
-        >>> patrol.files.has_weights(bundled("graphs/eight.json"))
-        False
-    """
-    if not isinstance(path, str | os.PathLike):
-        return False
-    return Path(path).suffix.lower() not in (*LIST_SUFFIXES, ".adjlist", ".graph") and bool(
-        _WEIGHT.search(_text(Path(path)))
-    )
-
-
-def _parse_list(text: str) -> tuple[list[Vertex], list[Edge], str]:
-    vertices: list[Vertex] = []
-    edges: list[Edge] = []
-    for number, line in enumerate(text.splitlines(), 1):
-        field, words = f"line {number}", line.partition("#")[0].split()
-        # networkx writes an edge without attributes as `name name {}`.
-        if len(words) == 3 and words[2] == "{}":
-            words.pop()
-        if len(words) == 3:
-            name, x, y = words
-            vertices.append(Vertex(field, name, {"x": x, "y": y}))
-        elif len(words) == 2:
-            edges.append(Edge(field, *words))
-        elif words:
-            raise refused(field, "a vertex (name x y) or an edge (name name)", line.strip())
-    if not vertices:
-        ends = {name: edge.field for edge in edges for name in (edge.tail, edge.head)}
-        vertices = [Vertex(field, name, {}) for name, field in ends.items()]
-    return vertices, edges, ""
 
 
 def checked_graph(vertices: list[Vertex], edges: list[Edge]) -> tuple[Graph, tuple[str, ...]]:
@@ -496,10 +272,3 @@ def _position(
         for value, most in zip(both, limits, strict=True)
     )
     return x, y
-
-
-def _text(path: Path) -> str:
-    size = path.stat().st_size
-    if size > _MAX_BYTES:
-        raise ValueError(f"it has {size:,} bytes; expected a graph of at most {_MAX_BYTES:,}")
-    return read_text(path)

@@ -7,7 +7,8 @@ from typing import Any
 from ...base.paths import replacing
 from ...optimize import Graph
 from ..team.times import names_of
-from .graph_files import LIST_SUFFIXES, SUFFIXES, Edge, Vertex, checked_graph
+from .graph_files import checked_graph
+from .graph_formats import LIST_SUFFIXES, SUFFIXES, Edge, Vertex
 
 
 def save_graph(

@@ -15,7 +15,8 @@ from ...base.documents import Fields, check_file, decode_json, read_text, refuse
 from ...base.paths import replacing
 from ...base.shown import Pictured
 from ...optimize.validation import check_count, one_each
-from ..files.graph_files import Ways, about_file, about_omitted, load_ways
+from ..files.graph_files import Ways, about_omitted, load_ways
+from ..files.graph_formats import about_file
 
 
 Adversary: TypeAlias = Literal["blind", "watcher"]

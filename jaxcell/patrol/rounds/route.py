@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 
 from ...base.documents import Fields, check_file, decode_json, read_text, refused
 from ...base.paths import replacing
-from ..files.graph_files import about_file
+from ..files.graph_formats import about_file
 from .game import Game
 
 

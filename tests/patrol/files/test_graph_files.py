@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given, strategies as st
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol.files.graph_files import has_weights, load_graph
+from jaxcell.patrol.files import has_weights, load_graph
 from jaxcell.patrol.files.graph_saving import save_graph
 from jaxcell.patrol.files.values import load_stakes, load_values
 
