@@ -126,9 +126,9 @@ class Dynamics(SystemStudy):
 
 def load_system(reference: SystemLike) -> "dynamics.System":
     """Return a system, or load it from `FILE.py:NAME`, or by its name in jaxcell."""
-    if isinstance(reference, dynamics.System):
-        return reference
     if not isinstance(reference, str):
+        if isinstance(reference, dynamics.System):
+            return reference
         raise ValueError("system: expected a name or dynamics.System(function, box, params)")
     if ":" not in reference:
         # This import takes seconds.

@@ -11,6 +11,7 @@ from jaxcell import bundled
 from jaxcell.base import memory
 from jaxcell.cli import main
 from jaxcell.space import CellSpace
+from jaxcell.study import map_study
 
 
 LAB = bundled("maps/lab_a.json")
@@ -57,6 +58,7 @@ def test_too_few_addresses_for_jax_are_one_line(capsys, monkeypatch):
 
 @pytest.mark.parametrize("error", [MemoryError(), type("Full", (MemoryError,), {})("8 EiB")])
 def test_a_library_without_memory_is_answered_with_a_remedy(capsys, monkeypatch, error):
+    map_study._cells.cache_clear()
     monkeypatch.setattr(CellSpace, "of", Mock(side_effect=error))
     assert main(["groups", str(LAB), "--bounce", "45"]) == 2
     said = capsys.readouterr().err

@@ -7,6 +7,7 @@ import tyro
 
 from ... import drift, record
 from ...base import memory
+from ...base.paths import existing
 from ..parameters import Days, Duration, Headings, Length, Limit, Metres, Only
 from ..study import Say, about, numbers, silent
 from .sea_study import CurrentStudy, Source
@@ -76,6 +77,11 @@ class Release(CurrentStudy):
         super().__post_init__()
         if any(time > self.until for time in self.at):
             raise ValueError(f"at: expected times up to {self.until:g} days, got {max(self.at):g}")
+
+    def check_files(self) -> None:
+        super().check_files()
+        if self._place is None:
+            existing(Path(self.start))
 
     @property
     def times(self) -> list[float]:
