@@ -109,15 +109,18 @@ def test_the_server_ends_with_the_command(results):
 
 @pytest.mark.parametrize("display", [True, False])
 def test_a_live_run_is_shown_in_a_window_or_on_a_page(monkeypatch, capsys, display):
-    popen = subprocess.Popen
+    popen, note, servers = subprocess.Popen, view.note, []
 
     def start(command, **options):
-        server = popen([sys.executable, "-c", SERVER, *command], **options)
-        # It ends once its page has been asked for.
-        server.stdin.close()
-        return server
+        servers.append(popen([sys.executable, "-c", SERVER, *command], **options))
+        return servers[-1]
+
+    def noted(text):
+        note(text)
+        servers[-1].stdin.close()
 
     monkeypatch.setattr(subprocess, "Popen", start)
+    monkeypatch.setattr(view, "note", noted)
     monkeypatch.setattr(view, "has_display", lambda: display)
     # The usual ports may be taken by a page of another test at this moment.
     monkeypatch.setattr(view, "PAGE_PORT", 0)
