@@ -64,8 +64,8 @@ def members(folder: Path, repeats: int) -> list[Row]:
         return np.array(found)
 
     def together() -> np.ndarray:
-        dataset = study_task(Cover, batch, what.fixed, what.seed, RESULTS)
-        return np.stack([dataset[name].values for name in RESULTS], axis=1)
+        columns = study_task(Cover, batch, what.fixed, what.seed, RESULTS)
+        return np.stack([columns[name][1] for name in RESULTS], axis=1)
 
     def check(results: dict[str, Any]) -> None:
         found, expected = results.values()
