@@ -6,6 +6,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from jaxtyping import Float
 
+from ...base.formatting import percent
 from ...base.quantities import Result, derived, from_part, quantity
 from .bounding import Bound
 from .evaluation import Evaluation, evaluate
@@ -155,7 +156,7 @@ class Guarded(Result):
         if not self.walks_capture:
             return ""
         return (
-            f"Independent random walks stop at least {100 * self.walks_capture:.3g} % of his "
+            f"Independent random walks stop at least {percent(self.walks_capture)} of his "
             "attacks: `jaxcell patrol graph --strategy capture` finds them."
         )
 
@@ -186,7 +187,7 @@ class Guarded(Result):
         alike &= np.isclose(found.exposure, found.exposure[worst], _SAME, 0)
         where = f"`{game.names_of_targets[worst]}`{_others(int(alike.sum()) - 1)}"
         attack = f"An attack of {self._time(game.attack[worst])} at {where}"
-        share = f"{100 * found.exposure[worst]:.3g} % of all moments"
+        share = f"{percent(found.exposure[worst])} of all moments"
         if math.isfinite(every := found.every[worst]):
             late = self._time(found.exposure[worst] * every)
             share = f"{late} of every {self._time(every, up=True)}: {share}"

@@ -7,6 +7,7 @@ import scipy.special
 from jaxtyping import Float
 
 from ...base.certificate import Certificate
+from ...base.formatting import percent
 from ...base.quantities import derived, from_part, quantity
 from ...base.secondary import Secondary
 from ...mapping import Chain
@@ -330,12 +331,12 @@ class GraphPatrol(Measures):
             round = 0.0 if self.round is None else self.round.least_capture or 0.0
             if round > max(least, blind or 0.0) + _SAME:
                 lines.append(
-                    f"A shared clock stops at least {100 * round:.3g} % of blind attacks: `jaxcell "
+                    f"A shared clock stops at least {percent(round)} of blind attacks: `jaxcell "
                     "patrol guard` finds the rounds. Without it:"
                 )
-            unseen = "" if blind is None else f" ({100 * blind:.3g} % if the adversary is blind)"
+            unseen = "" if blind is None else f" ({percent(blind)} if the adversary is blind)"
             lines.append(
-                f"An attack is stopped with a probability of at least {100 * least:.3g} %{unseen}; "
+                f"An attack is stopped with a probability of at least {percent(least)}{unseen}; "
                 f"it is least at vertex {self.least_captured}."
             )
         idle, unit = self.worst_idleness, "steps"
