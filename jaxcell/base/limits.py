@@ -14,3 +14,9 @@ Collision: TypeAlias = Literal["swept", "endpoint"]
 
 Unknown: TypeAlias = Literal["wall", "free"]
 "Meaning of unknown pixels of a ROS map; see `jaxcell.space.Workspace.load`."
+
+Crop: TypeAlias = tuple[float, float, float, float] | None
+"Two opposite corners, x, y, x, y in metres, of the part of a map of squares to read."
+
+Piece: TypeAlias = Literal["all", "largest", "main"] | tuple[float, float]
+"The part of the free space that robots are in; see `jaxcell.space.Workspace`."

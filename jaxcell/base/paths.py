@@ -9,7 +9,7 @@ import re
 import secrets
 import shutil
 from collections.abc import Iterator
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 
 from .bundled import bundled_names, with_path
 from .process import raise_lost_signal
@@ -69,14 +69,15 @@ def visible(folder: Path, pattern: str) -> Iterator[Path]:
 
 
 def _images(path: Path) -> list[Path]:
-    """Return the image that a map_server file names, if it exists."""
+    """Return the image that a map_server file names, or the one beside the file, if it exists."""
     if path.suffix.lower() not in (".yaml", ".yml"):
         return []
     found = re.search(
         r"^image:\s*[\"']?([^\"'#\n]+?)[\"']?\s*(#.*)?$", path.read_text("utf-8", "replace"), re.M
     )
-    image = path.parent / found[1] if found else None
-    return [image] if image is not None and image.is_file() else []
+    named = found[1] if found else ""
+    both = path.parent / named, path.parent / PureWindowsPath(named).name
+    return [image for image in both if named and image.is_file()][:1]
 
 
 @contextlib.contextmanager

@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import re
+import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -47,7 +48,10 @@ def described_instead(name: str, command: Any, error: str, commands: Mapping[str
             return f"{error}; name a file in it"
         if name == "info":
             continue
-        with contextlib.suppress(ValueError, OSError, MemoryError, ImportError):
+        with (
+            contextlib.suppress(ValueError, OSError, MemoryError, ImportError),
+            warnings.catch_warnings(action="ignore"),
+        ):
             what = re.split("[;:] ", describe(path)["what"])[0]
             begin = max((key for key in taken if what.startswith(key)), key=len, default="")
             flag = option(type(command), parameter)

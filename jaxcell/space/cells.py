@@ -9,7 +9,7 @@ import shapely
 from jaxtyping import Bool, Float, Int
 
 from ..base.doubts import Doubt, warn
-from ..base.limits import Unknown
+from ..base.limits import Crop, Piece, Unknown
 from ..base.shown import Pictured
 from ..base.wide import namespace
 from .occupancy import TOLERANCE, in_squares, rasterise
@@ -287,11 +287,14 @@ def suggested(
     directions: int | None,
     robot_radius: float | None,
     unknown: Unknown = "wall",
+    piece: Piece | None = None,
+    crop: Crop = None,
 ) -> tuple[Workspace, float, int]:
     """Read a map; return it with the given or suggested side of a cell and number of directions."""
-    workspace = Workspace.of_input(room, unknown)
-    if robot_radius is not None:
-        workspace = dataclasses.replace(workspace, robot_radius=robot_radius)
+    workspace = Workspace.of_input(room, unknown, crop)
+    changed: dict[str, Any] = {"robot_radius": robot_radius, "piece": piece}
+    if changed := {name: value for name, value in changed.items() if value is not None}:
+        workspace = dataclasses.replace(workspace, **changed)
     side = workspace.cell if cell is None else cell
     if side is None:
         side = _usual_side(workspace)

@@ -14,7 +14,8 @@ import shapely
 from jaxtyping import Float, Int
 
 from ..base.bundled import with_path
-from ..base.limits import Unknown
+from ..base.doubts import Doubt, warn
+from ..base.limits import Crop, Piece, Unknown
 from ..base.shown import Pictured
 from .maps.grid_files import grid_fields
 from .maps.map_files import read_map, write_map
@@ -32,6 +33,8 @@ else:
 
 # Beyond this (metres) the spacing of float64 is coarser than a nanometre.
 _LARGEST_COORDINATE = 1e7
+# The least share of the area of the free space in its main piece.
+_MOST = 0.9
 
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
@@ -48,6 +51,9 @@ class Workspace(Pictured):
     - `name`: the name of the map, one line of text.
     - `cell`: the suggested side of cells, in metres, or `None`.
     - `directions`: the suggested number of directions, or `None`.
+    - `piece`: the part of the free space that robots are in: `"all"` of it, its `"largest"`
+        connected piece, the piece around a point `(x, y)`, or `"main"`, the largest if it has at
+        least 90 percent of the free space, else all, as maps from pictures have it.
 
     A room with a pillar, for a robot of radius 0.5 m:
 
@@ -66,6 +72,7 @@ class Workspace(Pictured):
     name: str
     cell: float | None
     directions: int | None
+    piece: Piece
 
     def __init__(
         self,
@@ -75,6 +82,7 @@ class Workspace(Pictured):
         name: str = "",
         cell: float | int | None = None,
         directions: int | None = None,
+        piece: Piece = "all",
     ) -> None:
         """Create a map, and check it.
 
@@ -95,6 +103,7 @@ class Workspace(Pictured):
             "name": name,
             "cell": None if cell is None else _number("cell", cell),
             "directions": directions,
+            "piece": piece,
         }
         for field, value in values.items():
             object.__setattr__(self, field, value)
@@ -103,7 +112,7 @@ class Workspace(Pictured):
         self._check_numbers()
         if self.environment.is_empty:
             raise ValueError("obstacles: they cover the whole boundary; nothing is left free")
-        if self.free_space.is_empty:
+        if self._whole_space.is_empty:
             raise ValueError(
                 f"robot_radius: a robot of radius {self.robot_radius:g} m fits nowhere in the map"
             )
@@ -154,8 +163,39 @@ class Workspace(Pictured):
 
         Around a convex corner of an obstacle the margin is an arc of about 16 chords per quarter
         circle; a chord may have half as large an angle again. So the margin is up to 0.27 percent
-        too narrow there. The free space may have several pieces.
+        too narrow there. The free space may have several pieces, of which `piece` chooses.
         """
+        parts = shapely.get_parts(self._whole_space)
+        if self.piece == "all" or (parts.size == 1 and isinstance(self.piece, str)):
+            return self._whole_space
+        areas = shapely.area(parts)
+        kept = int(areas.argmax())
+        if isinstance(self.piece, tuple):
+            around = shapely.intersects_xy(parts, *self.piece)
+            if not around.any():
+                inside = parts[kept].representative_point()
+                raise ValueError(
+                    f"piece: no robot can be at {self.piece[0]:g},{self.piece[1]:g}; expected a "
+                    f"point of the free space, such as {inside.x:.3g},{inside.y:.3g}"
+                )
+            kept = int(around.argmax())
+        share = areas[kept] / areas.sum()
+        if self.piece == "main":
+            which = f"only the largest is used, with {share:.3%} of its area; for all of them"
+            if share < _MOST:
+                which = (
+                    f"all are used, and the largest has {share:.1%} of its area; for one of them"
+                )
+            name = f"{self.name}: " if self.name else ""
+            text = f"{name}the free space has {parts.size:,} separate pieces: {which}, set `piece`"
+            warn(text, Doubt)
+            if share < _MOST:
+                return self._whole_space
+        return parts[kept]
+
+    @functools.cached_property
+    def _whole_space(self) -> shapely.Polygon | shapely.MultiPolygon:
+        """The space for the robot's centre in all pieces."""
         # GEOS turns polygons inside out for margins below the rounding of float64.
         if self.robot_radius <= coordinate_rounding(self.boundary, self.obstacles):
             return self.environment
@@ -186,35 +226,41 @@ class Workspace(Pictured):
         return text + f"in {self.pieces} pieces that the robot cannot cross between"
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str], unknown: Unknown = "wall") -> "Workspace":
-        """Read a map file: a `.json` map of jaxcell, a ROS map_server `.yaml`, or an ASCII grid.
+    def load(
+        cls, path: str | os.PathLike[str], unknown: Unknown = "wall", crop: Crop = None
+    ) -> "Workspace":
+        """Read a map file.
 
-        The name of an ASCII grid ends in `.txt` or `.map`. The path of the image of a map_server
-        map is relative to its `.yaml` file. A map without a name gets the name of its file.
+        It may be a `.json` map of jaxcell or of HouseExpo, `.geojson` of polygons, a ROS map_server
+        `.yaml`, or an ASCII grid or a grid of MovingAI, `.txt` or `.map`. The path of the image of
+        a map_server map is relative to its `.yaml` file. A map without a name gets the name of its
+        file. `crop` are two opposite corners, x, y, x, y, of the part of the squares to read.
 
         Pixels of a map_server map that are unknown are walls, or free if `unknown` is `"free"`.
         Pixels of the grey that savers of maps write for unknown are unknown even if `free_thresh`
         takes them as free; a warning of the class `jaxcell.base.doubts.Doubt` says how many.
         """
         path = with_path(os.fspath(path))
-        fields = read_map(path, unknown)
+        fields = read_map(path, unknown, crop)
         try:
             return cls(**fields)
         except ValueError as error:
             raise ValueError(f"{os.fspath(path)}: {error}") from error
 
     @classmethod
-    def of_input(cls, room: RoomLike, unknown: Unknown = "wall") -> "Workspace":
+    def of_input(cls, room: RoomLike, unknown: Unknown = "wall", crop: Crop = None) -> "Workspace":
         """Create a map of what people have.
 
         It may be a map, a map file, or a name such as `@lab_a`; a shapely polygon, whose holes are
         obstacles; the vertices of a boundary; or a grid `[rows, columns]` that is `True` in free
         squares, which have sides of 1 m, row 0 at the bottom.
         """
+        if isinstance(room, str | os.PathLike):
+            return cls.load(room, unknown, crop)
+        if crop is not None:
+            raise ValueError("crop: it has no effect without a map file")
         if isinstance(room, cls):
             return room
-        if isinstance(room, str | os.PathLike):
-            return cls.load(room, unknown)
         if isinstance(room, shapely.Polygon):
             return cls(room.exterior.coords, [hole.coords for hole in room.interiors])
         grid = np.asarray(room) if _is_grid(room) else None

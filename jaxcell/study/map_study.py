@@ -8,8 +8,8 @@ import tyro
 
 from .. import space
 from ..base import memory
-from ..base.limits import Collision, Unknown
-from .parameters import AtLeastOne, Headings, Length, Limit, Metres
+from ..base.limits import Collision, Crop, Piece, Unknown
+from .parameters import AtLeastOne, Headings, Length, Limit, Metres, Pose
 from .study import Study, about, numbers
 
 
@@ -20,8 +20,8 @@ else:
     RoomLike = Path | Any
 
 # A map, the side of a cell, the number of directions, the radius of the robot, and what unknown
-# pixels are.
-_Cut: TypeAlias = tuple[Any, float | None, int | None, float | None, Unknown]
+# pixels are, and the piece and the part of the map.
+_Cut: TypeAlias = tuple[Any, float | None, int | None, float | None, Unknown, Piece | None, Crop]
 # Tolerance of a heading, in degrees.
 DIRECTION_DEG = 0.01
 
@@ -30,18 +30,25 @@ DIRECTION_DEG = 0.01
 class CellStudy(Study):
     """Base class of studies on the cells of a map."""
 
-    headings: ClassVar[Headings] = {"How is the map read?": ("cell", "unknown")}
+    headings: ClassVar[Headings] = {"How is the map read?": ("cell", "unknown", "piece", "crop")}
 
     map: tyro.conf.Positional[Annotated[RoomLike, tyro.conf.arg(constructor=Path)]] = (
         dataclasses.field(kw_only=False)
     )
-    """Map: jaxcell .json, ROS map_server .yaml, ASCII grid .txt, or a name such as @lab_a."""
+    """Map: jaxcell .json, ROS map_server .yaml, ASCII grid .txt, or a name such as @lab_a. Also
+    MovingAI .map, .geojson of polygons, and HouseExpo .json."""
     cell: Length | None = None
     """Side of a cell in metres; by default the side that the map suggests, or a round length for
     at least 200 positions."""
     unknown: Unknown = "wall"
     """Meaning of the pixels of a ROS map that its saver marked as unknown: walls (wall), or free
     floor (free)."""
+    piece: Pose | None = None
+    """Connected part of the free space that robots are in: largest, all, or the part around the
+    point "x,y" in metres. By default all or, in a ROS map, the largest if it has at least 90% of
+    the area."""
+    crop: Pose | None = None
+    """Part of a map of squares to read: two opposite corners "x,y,x,y" in metres."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.map, str | Path):
@@ -95,8 +102,19 @@ class CellStudy(Study):
         return _cells(self._cut)
 
     @property
+    def _part(self) -> tuple[Unknown, Piece | None, Crop]:
+        piece: Any = self.piece
+        if piece not in (None, "all", "largest"):
+            x, y = numbers("piece", piece, "mm", '"x,y" in metres, largest or all')
+            piece = x, y
+        crop: Any = self.crop
+        if crop is not None:
+            crop = tuple(numbers("crop", crop, "mmmm", '"x,y,x,y" in metres'))
+        return self.unknown, piece, crop
+
+    @property
     def _cut(self) -> _Cut:
-        return self.map, self.cell, None, None, self.unknown
+        return self.map, self.cell, None, None, *self._part
 
     def spec(self, result: Any) -> dict[str, Any]:
         cells = result.cells
@@ -125,7 +143,7 @@ class RobotStudy(CellStudy):
 
     @property
     def _cut(self) -> _Cut:
-        return self.map, self.cell, self.directions, self.robot_radius, self.unknown
+        return self.map, self.cell, self.directions, self.robot_radius, *self._part
 
     @property
     def motion(self) -> "space.Motion":

@@ -277,8 +277,8 @@ HARD = [
     *(
         ("picture of a map", "m.pgm", f"P5\n{size}\n255\n".encode() + b"\0" * 50, message)
         for size, message in (
-            ("1000000000 1000000000", "too large: .*1000000000000000000 pixels"),
-            ("30000 30000", "too large: .*900000000 pixels"),
+            ("1000000000 1000000000", "too large: 1,000,000,000 x 1,000,000,000 pixels"),
+            ("30000 30000", "too large: 30,000 x 30,000 pixels"),
             ("9000 9000", "broken or cut short"),
             ("0 5", "image: m.pgm: "),
             ("-1 5", "image: m.pgm: "),

@@ -14,6 +14,7 @@ import shapely
 from jaxtyping import Bool
 
 from ...base.documents import checked_number, refused
+from ...base.limits import Crop
 from ..occupancy import blocked_rings, rasterise
 
 
@@ -21,7 +22,7 @@ _BLOCKED, _FREE = "#X@", ". "
 _HEADER = ("name", "cell", "origin", "robot_radius", "directions")
 
 
-def parse_ascii(text: str) -> dict[str, Any]:
+def parse_ascii(text: str, crop: Crop = None) -> dict[str, Any]:
     """Read an ASCII grid.
 
     ```text
@@ -79,7 +80,33 @@ def parse_ascii(text: str) -> dict[str, Any]:
     if len(origin) != 2:
         raise refused("origin", "two numbers x y", header["origin"])
     cell = read_side("cell", header.get("cell", "1"))
-    return {**fields, **grid_fields(blocked, (origin[0], origin[1]), cell)}
+    return {**fields, **grid_fields(blocked, (origin[0], origin[1]), cell, crop=crop)}
+
+
+def parse_moving_ai(text: str, crop: Crop = None) -> dict[str, Any]:
+    """Read a map of the MovingAI benchmarks (Sturtevant 2012), whose squares have sides of 1 m.
+
+    Its header has the lines `type`, `height`, `width` and `map`. Free squares are `.`, `G` and `S`
+    (a swamp), blocked ones `@`, `O`, `T` (trees) and `W` (water). Returns keyword arguments of
+    `Workspace`.
+    """
+    header, _, body = text.replace("\r\n", "\n").partition("\nmap\n")
+    sizes = dict(line.split(" ", 1) for line in header.split("\n") if " " in line)
+    rows = body.rstrip("\n").split("\n")
+    for name, number in (("height", len(rows)), ("width", len(rows[0]))):
+        if sizes.get(name, "").strip() != str(number):
+            raise ValueError(
+                f"{name}: expected {number} as in the rows below, got {sizes.get(name)}"
+            )
+    for number, row in enumerate(rows, 1):
+        wrong = next((square for square in row if square not in ".GS@OTW"), None)
+        if wrong is not None or len(row) != len(rows[0]):
+            got = f"{len(row)} squares" if wrong is None else repr(wrong)
+            raise ValueError(
+                f"row {number}: expected {len(rows[0])} squares among .GS@OTW, got {got}"
+            )
+    blocked = np.array([[square in "@OTW" for square in row] for row in rows[::-1]])
+    return grid_fields(blocked, (0.0, 0.0), 1.0, crop=crop)
 
 
 def format_ascii(
@@ -125,17 +152,40 @@ def read_side(field: str, text: Any) -> float:
 
 
 def grid_fields(
-    blocked: Bool[np.ndarray, "rows columns"], origin: tuple[float, float], cell: float
+    blocked: Bool[np.ndarray, "rows columns"],
+    origin: tuple[float, float],
+    cell: float,
+    yaw: float = 0.0,
+    crop: Crop = None,
 ) -> dict[str, Any]:
-    """Return the map fields of a grid; row 0 is the lowest, `origin` the lower left corner."""
+    """Return the map fields of a grid; row 0 is the lowest, `origin` the lower left corner.
+
+    The grid is turned by `yaw` (radians) about this corner. `crop` are two opposite corners of a
+    part of it, whose sides are along the rows; squares that the part meets are kept.
+    """
+    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+    low = np.zeros(2, int)
+    if crop is not None:
+        corners = (np.reshape(crop, (2, 2)) - origin) @ turn / cell
+        low = np.floor(corners.min(axis=0) + 1e-9).clip(0).astype(int)
+        high = np.ceil(corners.max(axis=0) - 1e-9).clip(0, blocked.shape[::-1]).astype(int)
+        blocked = blocked[low[1] : high[1], low[0] : high[0]]
+        if not blocked.size:
+            raise ValueError("`crop` is outside the map")
     if blocked.all():
         raise ValueError("the grid has no free square")
     rows, columns = blocked.shape
     rectangle = np.array([(0, 0), (columns, 0), (columns, rows), (0, rows)])
     corners, starts = blocked_rings(blocked)
+
+    def place(squares: np.ndarray) -> np.ndarray:
+        return np.array(origin) + (
+            cell * (squares + low) if yaw == 0 else cell * (squares + low) @ turn.T
+        )
+
     return {
-        "boundary": np.array(origin) + cell * rectangle,
-        "obstacles": np.split(np.array(origin) + cell * corners, starts) if blocked.any() else [],
+        "boundary": place(rectangle),
+        "obstacles": np.split(place(corners), starts) if blocked.any() else [],
         "cell": cell,
     }
 

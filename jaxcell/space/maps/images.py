@@ -1,7 +1,10 @@
-import warnings
 from io import BytesIO
 
 from PIL import Image
+
+
+MOST_PIXELS = 2**27
+"Largest number of pixels of a picture."
 
 
 def read_image(content: bytes, formats: tuple[str, ...] | None = None) -> Image.Image:
@@ -10,15 +13,21 @@ def read_image(content: bytes, formats: tuple[str, ...] | None = None) -> Image.
     **Raises:** `PIL.UnidentifiedImageError` for another format; `ValueError` for a picture that is
     too large, broken or cut short.
     """
+    usual, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", Image.DecompressionBombWarning)
-            image = Image.open(BytesIO(content), formats=formats)
-        image.load()
+        image = Image.open(BytesIO(content), formats=formats)
+        too_large = image.width * image.height > MOST_PIXELS
+        if not too_large:
+            image.load()
     except Image.UnidentifiedImageError:
         raise
-    except (Image.DecompressionBombWarning, Image.DecompressionBombError) as error:
-        raise ValueError(f"too large: {error}") from None
     except Exception as error:  # Pillow's decoders raise many types of errors for broken files.
         raise ValueError(f"broken or cut short: {error}") from error
+    finally:
+        Image.MAX_IMAGE_PIXELS = usual
+    if too_large:
+        raise ValueError(
+            f"too large: {image.width:,} x {image.height:,} pixels; expected at most "
+            f"{MOST_PIXELS:,}: save a part of the picture, or shrink it"
+        )
     return image

@@ -25,36 +25,48 @@ from ...base.documents import (
     read_text,
     refused,
 )
-from ...base.limits import Unknown
+from ...base.limits import Crop, Unknown
 from ...base.optional_modules import explained
 from ...base.paths import replacing
-from .grid_files import format_ascii, parse_ascii
+from .grid_files import format_ascii, parse_ascii, parse_moving_ai
+from .plans import plan_fields
 
 
 _GRID_SUFFIXES = (".txt", ".map")
 _MAP_SERVER_SUFFIXES = (".yaml", ".yml")
-_IMAGE_SUFFIXES = (".pgm", ".png")
-_SUFFIXES = ".json, .yaml or .yml (map_server), .txt or .map (ASCII grid)"
+_PLAN_SUFFIXES = (".json", ".geojson")
+_IMAGE_SUFFIXES = (".pgm", ".png", ".bmp")
+_SUFFIXES = (
+    ".json or .geojson (polygons), .yaml or .yml (map_server), .txt or .map (ASCII grid, MovingAI)"
+)
 
-_KEYS = ("boundary", "obstacles", "robot_radius", "name", "cell", "directions")
+_KEYS = ("boundary", "obstacles", "robot_radius", "name", "cell", "directions", "piece")
 # Metres in a unit, as a fraction of whole numbers: 57 cm is then the float64 nearest to 0.57.
 _UNITS = {"m": (1, 1), "cm": (1, 100), "mm": (1, 1000), "ft": (3048, 10000)}
 
 
-def read_map(path: str | os.PathLike[str], unknown: Unknown = "wall") -> dict[str, Any]:
+def read_map(
+    path: str | os.PathLike[str], unknown: Unknown = "wall", crop: Crop = None
+) -> dict[str, Any]:
     """Read a map file, in the format that its suffix indicates, as arguments of `Workspace`."""
     path = Path(path)
     check_file(path, "a map")
     suffix = path.suffix.lower()
     try:
-        if suffix == ".json":
-            fields = parse_json(read_text(path))
+        if suffix in _PLAN_SUFFIXES:
+            if crop is not None:
+                raise ValueError(
+                    "`crop` has no effect; expected a map of squares: .yaml, .txt or .map"
+                )
+            fields = parse_json(read_text(path), path.name)
         elif suffix in _MAP_SERVER_SUFFIXES:
             from .map_server import parse_map_server
 
-            fields = parse_map_server(read_text(path), path.parent, unknown)
+            fields = parse_map_server(read_text(path), path.parent, unknown, crop)
         elif suffix in _GRID_SUFFIXES:
-            fields = parse_ascii(read_text(path))
+            text = read_text(path)
+            parse = parse_moving_ai if text.startswith("type ") else parse_ascii
+            fields = parse(text, crop)
         elif suffix in _IMAGE_SUFFIXES:
             raise ValueError("an image alone has no scale; give the map_server .yaml that names it")
         else:
@@ -99,13 +111,21 @@ def write_map(
             temporary.write_bytes(content)
 
 
-def parse_json(text: str) -> dict[str, Any]:
+def parse_json(text: str, file: str = "map") -> dict[str, Any]:
     """Read a map in JSON, and return keyword arguments of `Workspace`, with lengths in metres."""
     document = decode_json(text, "a map")
     if isinstance(document, dict) and "nodes" in document:
         raise ValueError("it is a graph, not a map; study.PatrolGraph and load_graph take it")
+    if isinstance(document, dict) and "verts" in document:
+        boundary = _vertices("verts", document["verts"], "m")
+        return {"boundary": boundary, "name": str(document.get("id", file))}
+    if isinstance(document, dict) and (plan := plan_fields(document, file)):
+        return plan
     if not isinstance(document, dict) or document.get("format") != "jaxcell-map":
-        raise ValueError('format: expected an object with "format": "jaxcell-map"')
+        raise ValueError(
+            'format: expected an object with "format": "jaxcell-map", GeoJSON of polygons, or a '
+            "plan of HouseExpo with verts"
+        )
     version = document.get("version")
     if type(version) is not int or version != 1:
         raise refused("version", "1", version)
@@ -127,6 +147,9 @@ def parse_json(text: str) -> dict[str, Any]:
     for key in ("robot_radius", "cell"):
         if key in fields:
             fields[key] = _length(key, fields[key], units)
+    piece = fields.get("piece", "all")
+    if piece not in ("all", "largest", "main"):
+        fields["piece"] = tuple(_vertices("piece", [piece], units)[0])
     if not isinstance(fields.get("name", ""), str):
         raise refused("name", "text", fields["name"])
     if type(fields.get("directions", 1)) is not int:
@@ -145,8 +168,8 @@ def format_json(fields: Mapping[str, Any]) -> str:
         "boundary": json.dumps(fields["boundary"].tolist()),
         "obstacles": f"[\n{obstacles}\n  ]" if obstacles else "[]",
     }
-    for key in ("robot_radius", "cell", "directions"):
-        if fields[key] is not None:
+    for key in ("robot_radius", "cell", "directions", "piece"):
+        if fields[key] not in (None, "all"):
             values[key] = json.dumps(fields[key])
     return "{\n" + ",\n".join(f'  "{key}": {value}' for key, value in values.items()) + "\n}\n"
 
