@@ -79,7 +79,7 @@ def _main():
     import numpy as np
 
     from jaxcell.base.doubts import Doubt
-    from jaxcell.cli.info import describe
+    from jaxcell.cli.described import describe
     from jaxcell.drift import open_currents
     from jaxcell.space import CellSpace
     from jaxcell.study.bounce.target import read_target
@@ -87,11 +87,11 @@ def _main():
     cells = CellSpace.of_grid(np.ones((2, 3), bool), 4)
     readers = {
         "currents": open_currents,
-        "info": describe,
+        "doctor": describe,
         "target": lambda path: read_target(cells, f"{path}:worth"),
     }
     # The first use of a library imports others.
-    readers["info"](Path(__file__).parents[1] / "data" / "ocean" / "gyres.nc")
+    readers["doctor"](Path(__file__).parents[1] / "data" / "ocean" / "gyres.nc")
     readers["currents"](Path(__file__).parents[1] / "data" / "ocean" / "gyres.nc")
     warnings.simplefilter("error")
     # Damaged files deserve doubts.

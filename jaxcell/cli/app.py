@@ -14,10 +14,10 @@ from ..base.paths import absent
 from .completion import OPTION as COMPLETION, print_completion
 from .demo import Demo
 from .docs import Docs
+from .doctor import Doctor
 from .encoding import allow_any_encoding
 from .export import Export
 from .help import as_options, option, overview, unknown
-from .info import Info
 from .maps import Maps
 from .output import check_out
 from .robot.calibrate import RobotCalibrate
@@ -43,8 +43,8 @@ COMMANDS: dict[str, Any] = dict(
             **STUDY_COMMANDS,
             "demo": Demo,
             "docs": Docs,
+            "doctor": Doctor,
             "export": Export,
-            "info": Info,
             "maps": Maps,
             "robot calibrate": RobotCalibrate,
             "robot check": RobotCheck,
@@ -109,7 +109,7 @@ def run(args: Sequence[str]) -> int:
             else "NumPy"
         )
         if (out := getattr(command, "out", None)) is not None:
-            check_out(out, folder=not isinstance(command, RobotSketch | SweepView))
+            check_out(out, folder=not isinstance(command, RobotSketch | SweepView | Doctor))
         with noting_warnings(type(command)):
             return int(command.run())
     except BrokenPipeError:

@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 from .. import space
 from ..base.bundled import bundled_names
-from .info import describe
+from .described import describe
 from .output import Printing
 from .terminal import say, table
 

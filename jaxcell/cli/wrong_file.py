@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ..study.parameters import listed, parameters
+from .described import describe
 from .help import is_positional, option
-from .info import describe
 
 
 # The commands that take a file, by the beginning of its description.
@@ -18,8 +18,8 @@ _TAKEN = {
     "a graph": ["patrol graph"],
     "currents": ["drift"],
     "trajectories": ["drifters"],
-    "a result": ["view", "info"],
-    "the summary of": ["view", "info"],
+    "a result": ["view", "doctor"],
+    "the summary of": ["view", "doctor"],
     "a Rerun recording": ["view"],
     "a task of robots": ["robot run"],
     "a localization": ["robot run", "robot sketch"],
@@ -46,7 +46,7 @@ def described_instead(name: str, command: Any, error: str, commands: Mapping[str
             return f"{path}: the file is empty; save or copy it again"
         if error.endswith("got a directory"):
             return f"{error}; name a file in it"
-        if name == "info":
+        if name == "doctor":
             continue
         with (
             contextlib.suppress(ValueError, OSError, MemoryError, ImportError),

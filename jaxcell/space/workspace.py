@@ -181,15 +181,13 @@ class Workspace(Pictured):
             kept = int(around.argmax())
         share = areas[kept] / areas.sum()
         if self.piece == "main":
-            which = f"only the largest is used, with {share:.3%} of its area; for all of them"
-            if share < _MOST:
-                which = (
-                    f"all are used, and the largest has {share:.1%} of its area; for one of them"
-                )
+            small = share < _MOST
+            used = "all are used, the largest with" if small else "only the largest is used, with"
+            other = "one of them, set `piece`" if small else 'all of them, set `piece="all"`'
+            pieces = f"the free space has {parts.size:,} separate pieces"
             name = f"{self.name}: " if self.name else ""
-            text = f"{name}the free space has {parts.size:,} separate pieces: {which}, set `piece`"
-            warn(text, Doubt)
-            if share < _MOST:
+            warn(f"{name}{pieces}: {used} {share:.4%} of its area; for {other}", Doubt)
+            if small:
                 return self._whole_space
         return parts[kept]
 

@@ -41,7 +41,7 @@ def test_a_name_that_is_nearly_one_is_corrected(capsys):
 
 def test_a_name_stands_for_a_file_on_the_command_line(capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    assert main(["info", "@lab_a", "--json"]) == 0
+    assert main(["doctor", "@lab_a", "--json"]) == 0
     assert '"positions": 19' in capsys.readouterr().out
 
 

@@ -130,12 +130,12 @@ def test_many_cells_are_written_a_direction_at_a_time(capsys, monkeypatch, tmp_p
     assert many.attrs["spec"] == few.attrs["spec"]
     assert "cells" in many.attrs["spec"]
     capsys.readouterr()
-    _, described, _ = run(capsys, "info", tmp_path / "many" / "groups.zarr")
+    _, described, _ = run(capsys, "doctor", tmp_path / "many" / "groups.zarr")
     assert described["what"] == "a result of jaxcell: Periodic groups of a bouncing robot"
     assert described["dimensions"]["position"] == 19
     image = "(bounce, direction, position): cell that it is mapped to"
     assert described["variables"]["image"] == image
-    _, described, _ = run(capsys, "info", tmp_path / "many")
+    _, described, _ = run(capsys, "doctor", tmp_path / "many")
     assert described["files"] == ["groups.zarr", "summary.json"]
 
 

@@ -29,13 +29,14 @@ WRITING = {
         if hasattr(kind, "study")
     },
     "demo": [],
+    "doctor": [LAB],
     "robot replay": ["{log}"],
     "robot run": ["{filter}", "--simulate", LAB],
     "robot sketch": ["{filter}"],
     "sweep": ["{spec}"],
     "sweep view": ["{folder}"],
 }
-FILES = {"robot sketch": "a.ino", "sweep view": "a.rrd"}
+FILES = {"doctor": "a.png", "robot sketch": "a.ino", "sweep view": "a.rrd"}
 
 
 @pytest.fixture
@@ -103,7 +104,7 @@ MISSING = [
     "dynamics none.py:x",
     "export none.jxf a.dot",
     "groups none.json --bounce 45",
-    "info none.json",
+    "doctor none.json",
     "localize none.json --bounce 45",
     "localize anywhere none.json --bounce 45",
     "localize slip none.json --bounce 45 --errors slip=2%",

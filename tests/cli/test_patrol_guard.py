@@ -43,7 +43,7 @@ def test_two_guards_get_a_round_for_tonight(capsys, tmp_path, floor):
     assert status == 0
     assert again["targets"] == answer["targets"]
     for file, what in (("game", "a game of patrols"), ("patrol", "routes of guards")):
-        assert run(capsys, "info", out / f"{file}.json")[1]["what"] == what
+        assert run(capsys, "doctor", out / f"{file}.json")[1]["what"] == what
     status, again, _ = run(capsys, "patrol guard", out / "game.json")
     assert again["guards"] == answer["guards"]
 
@@ -85,5 +85,5 @@ def test_walks_of_a_directed_graph_point_to_rounds(capsys, tmp_path):
     assert "rounds on one-way edges are found by `jaxcell patrol guard`" in said
     status, answer, _ = run(capsys, "patrol guard", tmp_path / "ways.graphml", "--attack-time", 3)
     assert (status, answer["risk"]) == (0, 0)
-    described = run(capsys, "info", tmp_path / "ways.graphml")[1]
+    described = run(capsys, "doctor", tmp_path / "ways.graphml")[1]
     assert (described["edges"], described["one_way"]) == (3, 3)

@@ -123,8 +123,8 @@ def test_indices_are_told_from_counts():
     "line",
     [
         "maps",
-        "info @lab_a",
-        "info @gyres",
+        "doctor @lab_a",
+        "doctor @gyres",
         "groups @lab_a --bounce 45 90 135",
         "localize @lab_a --bounce 45 --start 19",
         "patrol graph @eight --robots 2",

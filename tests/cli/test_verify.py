@@ -59,8 +59,8 @@ def test_a_mixture_of_two_runs_is_refused_by_all_commands_that_read_it(out, tmp_
     task = out / "filter.jxf"
     for words in (
         ["view", out],
-        ["info", out],
-        ["info", task],
+        ["doctor", out],
+        ["doctor", task],
         ["robot", "run", task, "--simulate", "@lab_a", "--heading", "0"],
         ["robot", "sketch", task, "--heading", "0"],
         ["export", task, tmp_path / "filter.dot"],
@@ -70,7 +70,7 @@ def test_a_mixture_of_two_runs_is_refused_by_all_commands_that_read_it(out, tmp_
         assert "filter.jxf: not the files that run" in capsys.readouterr().err, words
     # A file that was copied to another folder is used.
     shutil.copy(task, tmp_path / "alone.jxf")
-    assert main(["info", str(tmp_path / "alone.jxf")]) == 0
+    assert main(["doctor", str(tmp_path / "alone.jxf")]) == 0
 
 
 def test_a_result_whose_input_changed_is_not_computed_again(tmp_path, capsys, monkeypatch):
@@ -168,7 +168,11 @@ def test_files_of_other_runs_that_are_not_listed_are_refused(out, tmp_path, caps
     assert main(["localize", "@lab_a", "--bounce", "45", "135", "--out", str(other)]) == 0
     shutil.copy(other / "policy.jxf", out)
     task = out / "policy.jxf"
-    for words in (["info", out], ["info", task], ["robot", "run", task, "--simulate", "@lab_a"]):
+    for words in (
+        ["doctor", out],
+        ["doctor", task],
+        ["robot", "run", task, "--simulate", "@lab_a"],
+    ):
         assert main([*map(str, words)]) == 2
         assert "policy.jxf: not the files that run" in capsys.readouterr().err
     status, report, _ = run(capsys, "verify", out)

@@ -1,4 +1,4 @@
-"""Damaged NetCDF files: currents, targets, and files for `jaxcell info`.
+"""Damaged NetCDF files: currents, targets, and files for `jaxcell doctor`.
 
 Wrong bytes of a file of version 4 may crash the HDF5 library itself, which no reader can prevent.
 So all files are read in another process.
@@ -66,7 +66,7 @@ TARGET_OF_POSITIONS = xr.Dataset({"worth": ("position", WORTH)})
 FILES = {
     "currents": [*map(content_of, (CURRENTS, roms(), mitgcm()))],
     "target": [*map(content_of, (TARGET, TARGET_OF_POSITIONS))],
-    "info": [*map(content_of, (CURRENTS, TARGET))],
+    "doctor": [*map(content_of, (CURRENTS, TARGET))],
 }
 readers = pytest.mark.parametrize("reader", FILES)
 

@@ -9,7 +9,7 @@ from hypothesis import given, strategies as st
 from mutations import answers, cases, damaged, limits, place, reads_or_refuses, tree
 
 from jaxcell.cli import main
-from jaxcell.cli.info import describe
+from jaxcell.cli.described import describe
 from jaxcell.sweep import Spec, open_sweep, run_sweep, sweep_status, verify_sweep
 
 

@@ -91,7 +91,7 @@ def test_the_main_piece_of_a_picture_is_used_and_said(tmp_path):
     with pytest.raises(ValueError, match=r"piece: no robot can be at 0,0; expected a point of the"):
         _ = dataclasses.replace(room, piece=(0.0, 0.0)).free_space
     half = np.where(np.arange(9) == 4, 0, 254)[None].astype(np.uint8)
-    with pytest.warns(Doubt, match=r"all are used, and the largest has 50.0% of its area; for one"):
+    with pytest.warns(Doubt, match=r"all are used, the largest with 50.0000% of its area; for one"):
         assert Workspace.load(save(tmp_path, half)).free_space.area == 8 * 0.25
     # A polygon is as its author drew it.
     plain = Workspace(room.boundary, room.obstacles)

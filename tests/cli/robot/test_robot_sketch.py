@@ -78,7 +78,7 @@ def test_a_choice_of_angles_becomes_a_sketch_and_a_header(tmp_path, capsys):
         assert "a policy is written only as .h, and without --minimal" in capsys.readouterr().err
     with pytest.raises(ValueError, match="--minimal: a policy has no equal states to merge"):
         RobotSketch(file=file, minimal=True).run()
-    _, described, _ = helpers.run(capsys, "info", file)
+    _, described, _ = helpers.run(capsys, "doctor", file)
     assert described["what"] == "a localization policy"
     assert (described["states"], described["largest_uncertainty"]) == (found.policy_states, 1)
 

@@ -1,14 +1,16 @@
 import json
 import math
+import re
 
 import numpy as np
 import pytest
+import xarray as xr
 from helpers import run
 
 from jaxcell import bundled
 from jaxcell.automata import Filter, subset_construction
 from jaxcell.cli import main
-from jaxcell.cli.info import KINDS, describe
+from jaxcell.cli.described import KINDS, describe
 from jaxcell.robot import save_team
 from jaxcell.sweep import Spec, run_sweep
 
@@ -41,9 +43,9 @@ def test_files_of_a_command_are_described(results, capsys):
     described = describe(results)
     assert (described["what"], described["files"]) == ("a result", names)
     assert described["command"].startswith("jaxcell localize ")
-    assert main(["info", str(results / "filter.jxf")]) == 0
+    assert main(["doctor", str(results / "filter.jxf")]) == 0
     assert "a localization filter" in capsys.readouterr().out
-    assert run(capsys, "info", results / "filter.jxf")[1]["states"] == 124
+    assert run(capsys, "doctor", results / "filter.jxf")[1]["states"] == 124
 
 
 @pytest.mark.parametrize(
@@ -113,14 +115,71 @@ def test_a_sweep_and_its_specification_are_described(tmp_path):
 def test_damaged_files_are_refused_by_name(suffix, tmp_path, capsys):
     path = tmp_path / f"damaged{suffix}"
     path.write_bytes(b"RRF2 neither this nor that \xff")
-    assert main(["info", str(path)]) == 2
+    assert main(["doctor", str(path)]) == 2
     error = capsys.readouterr().err
-    assert error.startswith(f"jaxcell info: {path}: ")
+    assert error.startswith(f"jaxcell doctor: {path}: ")
     assert error.count("\n") == 1
 
 
 def test_unknown_and_missing_files_are_refused(tmp_path, capsys):
-    (tmp_path / "picture.png").touch()
-    for path in (tmp_path / "picture.png", tmp_path / "nothing.nc", tmp_path):
-        assert main(["info", str(path)]) == 2
+    (tmp_path / "picture.gif").touch()
+    for path in (tmp_path / "picture.gif", tmp_path / "nothing.nc", tmp_path):
+        assert main(["doctor", str(path)]) == 2
         assert str(path) in capsys.readouterr().err
+
+
+SQUARES = "type octile\nheight 1\nwidth 5\nmap\n..@..\n"
+
+
+def test_doubts_are_listed_with_the_options_that_settle_them(tmp_path, capsys):
+    (tmp_path / "clean.map").write_text(SQUARES)
+    assert main(["doctor", str(tmp_path / "clean.map")]) == 0
+    assert re.search(r"doubts +│ none", capsys.readouterr().out)
+    pixels = np.full((8, 40), 254, np.uint8)
+    pixels[:, 3] = 0
+    pixels[:4, :3] = 205
+    (tmp_path / "scan.pgm").write_bytes(b"P5\n40 8\n255\n" + pixels.tobytes())
+    lines = ["image: scan.pgm", "resolution: 0.1", "origin: [0, 0, 0]", "negate: 0"]
+    lines += ["occupied_thresh: 0.65", "free_thresh: 0.25"]
+    (tmp_path / "scan.yaml").write_text("\n".join(lines))
+    picture = tmp_path / "scan.png"
+    both = [str(tmp_path / "scan.yaml"), str(tmp_path / "clean.map"), "--json"]
+    assert main(["doctor", *both]) == 1
+    out, err = capsys.readouterr()
+    scan, clean = json.loads(out)
+    assert err == ""
+    assert (scan["what"], scan["pieces"], clean["doubts"]) == ("a map", 1, [])
+    grey, piece = scan["doubts"]
+    assert "scan.pgm: 12 pixels of grey 205 are walls" in grey
+    assert grey.endswith("use --unknown free")
+    # 288 free squares on the right and 12 on the left.
+    assert "2 separate pieces: only the largest is used, with 96.0000% of its area" in piece
+    assert piece.endswith("for all of them, set --piece all")
+    assert main(["doctor", both[0], "--out", str(picture)]) == 1
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert main(["doctor", *both[:2], "--out", str(picture)]) == 2
+    assert "--out: expected one file to draw, got 2" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("ocean/gyres.nc", {"records": 24, "depths_m": [0.0, 5.0, 10.0], "water_cells": 1512}),
+        ("ocean/drifters.nc", {"drifters": 200, "observations": 3922}),
+        ("graphs/eight.json", {"vertices": 8}),
+        ("maps/lab_a.json", {"pieces": 1}),
+    ],
+)
+def test_bundled_files_are_free_of_doubt_and_drawn(tmp_path, capsys, name, expected):
+    out = tmp_path / "picture.png"
+    assert main(["doctor", str(bundled(name)), "--json", "--out", str(out)]) == 0
+    assert expected.items() <= json.loads(capsys.readouterr().out).items()
+    assert out.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_file_that_no_command_reads_is_doubtful(tmp_path, capsys):
+    xr.Dataset({"t": ("x", [1.0, 2.0])}).to_netcdf(tmp_path / "other.nc")
+    assert main(["doctor", str(tmp_path / "other.nc"), "--json"]) == 1
+    [doubt] = json.loads(capsys.readouterr().out)["doubts"]
+    assert doubt.startswith("not read as trajectories: ")
+    assert "; not read as currents: " in doubt

@@ -1,20 +1,17 @@
+"""Descriptions of all files that jaxcell reads or writes: the kind and the content of each."""
+
 import csv
-import dataclasses
 import json
 import re
 import shlex
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
-import tyro
-
-from .. import automata, patrol, space, sweep
+from .. import automata, drift, patrol, space, sweep
 from ..base.documents import Fields
 from ..base.paths import absent, visible
 from ..base.results import MANIFEST, Manifest, check_result
-from .output import Printing
-from .terminal import table
 
 
 _STATES = {"states": r": (\d+) states", "knowledge_cycles": r"(\d+) knowledge cycles"}
@@ -35,22 +32,6 @@ _EXPORTS: dict[str, tuple[str, str, dict[str, str]]] = {
 }
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Info(Printing):
-    """Describe a file: a map, a graph, currents, or a result."""
-
-    example: ClassVar[str] = "@lab_a"
-
-    file: tyro.conf.Positional[Path]
-    """Any file that jaxcell reads or writes, or a folder of results."""
-
-    def run(self) -> int:
-        described = describe(self.file)
-        rows = [(name.replace("_", " "), _shown(value)) for name, value in described.items()]
-        self.report(described, lambda: table(str(self.file), ("", ""), rows))
-        return 0
-
-
 def describe(path: Path) -> dict[str, Any]:
     """Describe a file: its kind, under the key `what`, and its content."""
     if not path.exists():
@@ -62,15 +43,6 @@ def describe(path: Path) -> dict[str, Any]:
     if suffix not in KINDS:
         raise ValueError(f"{path}: expected a file of a kind among {', '.join(KINDS)}")
     return KINDS[suffix](path)
-
-
-def _shown(value: Any) -> str:
-    if isinstance(value, dict):
-        return "\n".join(f"{name}: {_shown(part)}" for name, part in value.items())
-    if isinstance(value, list):
-        parts = [_shown(part).replace("\n", ", ") for part in value]
-        return ("\n" if any(isinstance(part, dict) for part in value) else ", ").join(parts)
-    return f"{value:,}" if isinstance(value, int) and not isinstance(value, bool) else str(value)
 
 
 def _directory(path: Path) -> dict[str, Any]:
@@ -206,8 +178,10 @@ def _json(path: Path) -> dict[str, Any]:
                 "transitions": sum(str(row).count(",") + 1 - str(row).count("-1") for row in rows),
                 "knowledge_cycles": len(cycles),
             }
-        case {"nodes": _}:
+        case {"nodes": _} | {"problem_params": _}:
             return _graph(path)
+        case {"verts": _} | {"type": "FeatureCollection" | "Feature" | "Polygon" | "MultiPolygon"}:
+            return _map(path)
         case {"targets": _, "ways": _}:
             game = patrol.rounds.load_game(path)
             described = {"what": "a game of patrols", "vertices": len(game.names)}
@@ -238,6 +212,7 @@ def _map(path: Path) -> dict[str, Any]:
         "robot_radius_m": workspace.robot_radius,
         "cell_m": workspace.cell,
         "directions": workspace.directions,
+        "pieces": workspace.pieces,
     }
     if workspace.cell is not None:
         cells = space.CellSpace.of(workspace, workspace.cell, workspace.directions or 1)
@@ -317,6 +292,11 @@ def _export(path: Path) -> dict[str, Any]:
     return {"what": what, **title, **counts}
 
 
+def _geojson(path: Path) -> dict[str, Any]:
+    text = _text(path)
+    return _graph(path) if "startid" in text else _map(path) if "Polygon" in text else _places(path)
+
+
 def _places(path: Path) -> dict[str, Any]:
     try:
         if path.suffix.lower() == ".csv":
@@ -339,15 +319,20 @@ def _places(path: Path) -> dict[str, Any]:
     }
 
 
+def _table(path: Path) -> dict[str, Any]:
+    seen = drift.open_trajectories(path)
+    return {"what": "trajectories, in a table", "drifters": seen.drifters}
+
+
 def _picture(path: Path) -> dict[str, Any]:
     from PIL import UnidentifiedImageError
 
     from ..space.maps.images import read_image
 
     try:
-        image = read_image(path.read_bytes(), ("PPM",))
+        image = read_image(path.read_bytes(), ("PPM", "PNG", "BMP"))
     except UnidentifiedImageError:
-        raise ValueError(f"{path}: expected a PGM picture") from None
+        raise ValueError(f"{path}: expected a PGM, PNG or BMP picture") from None
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     what = "the picture of a map; its .yaml has the size of a pixel"
@@ -372,10 +357,11 @@ KINDS: dict[str, Callable[[Path], dict[str, Any]]] = {
     ".yaml": _map,
     ".yml": _map,
     ".txt": _map_or_graph,
-    ".pgm": _picture,
+    ".map": _map,
+    **dict.fromkeys((".pgm", ".png", ".bmp"), _picture),
     **dict.fromkeys(_EXPORTS, _export),
     ".csv": _places,
-    ".geojson": _places,
-    ".edges": _graph,
-    ".graphml": _graph,
+    ".geojson": _geojson,
+    **dict.fromkeys((".edges", ".graphml", ".graph", ".gml", ".adjlist"), _graph),
+    ".parquet": _table,
 }

@@ -1,0 +1,148 @@
+import dataclasses
+import json
+import re
+import warnings
+from pathlib import Path
+from typing import Any, ClassVar
+
+import tyro
+
+from .. import drift, patrol, record, space
+from ..base.doubts import Doubt
+from ..base.optional_modules import import_module
+from ..base.paths import replacing
+from .described import describe
+from .output import Printing
+from .terminal import say, table
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Doctor(Printing):
+    """Examine any file: what it is taken for and why, and each doubt with the option that settles
+    it.
+
+    Exit status: 0 if nothing is doubtful, 1 if something is.
+    """
+
+    example: ClassVar[str] = "@lab_a"
+
+    file: tyro.conf.Positional[tuple[Path, ...]]
+    """Files that jaxcell reads or writes, or folders of results."""
+    out: Path | None = None
+    """File for a picture of a map, a graph, trajectories or currents, .png."""
+
+    def run(self) -> int:
+        if not self.file:
+            raise ValueError("file: expected at least one, got none")
+        if self.out is not None and len(self.file) != 1:
+            raise ValueError(f"out: expected one file to draw, got {len(self.file)}")
+        reports = [examine(path) for path in self.file]
+        if self.json:
+            say(json.dumps(reports[0] if len(reports) == 1 else reports))
+        else:
+            for path, report in zip(self.file, reports, strict=True):
+                shown = report | {"doubts": "\n".join(report["doubts"]) or "none"}
+                rows = [(name.replace("_", " "), _shown(value)) for name, value in shown.items()]
+                table(str(path), ("", ""), rows)
+        if self.out is not None:
+            save_picture(self.file[0], reports[0]["what"], self.out)
+        return int(any(report["doubts"] for report in reports))
+
+
+def examine(path: Path) -> dict[str, Any]:
+    """Describe a file as `describe` does, with what commands read from it, and its `doubts`."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        described = describe(path)
+        if re.match("currents|trajectories|a NetCDF file", described["what"]):
+            described |= _sea(path, described["what"])
+    doubts = [str(one.message) for one in caught if issubclass(one.category, Doubt | UserWarning)]
+    options = [
+        re.sub(r'`(\w+)(?:="(\w+)")?`', lambda found: _option(*found.groups()), doubt)
+        for doubt in dict.fromkeys(doubts)
+    ]
+    if notes := described.get("notes"):
+        described["notes"] = [note for note in notes if not any(note in one for one in options)]
+    return described | {"doubts": options}
+
+
+def _option(name: str, value: str | None) -> str:
+    return f"--{name.replace('_', '-')} {value or ''}".strip()
+
+
+def _sea(path: Path, what: str) -> dict[str, Any]:
+    """Read trajectories or currents as the commands do, and say what they are taken for."""
+    errors = []
+    for kind, read in (("trajectories", _of_trajectories), ("currents", _of_currents)):
+        if what.startswith((kind, "a NetCDF file")):
+            try:
+                return {"what": re.sub("^[^:,]*", kind, what), **read(path)}
+            except (ValueError, MemoryError) as error:
+                errors.append(f"not read as {kind}: {error}")
+    warnings.warn("; ".join(errors), Doubt, stacklevel=2)
+    return {}
+
+
+def _of_trajectories(path: Path) -> dict[str, Any]:
+    seen = drift.open_trajectories(path)
+    spans = {"longitudes": seen.lon, "latitudes": seen.lat, "seconds": seen.time}
+    return {
+        "drifters": seen.drifters,
+        "observations": seen.lon.size,
+        **{name: [float(values.min()), float(values.max())] for name, values in spans.items()},
+        "since": seen.since or "unknown",
+    }
+
+
+def _of_currents(path: Path) -> dict[str, Any]:
+    from ..currents.ocean import read_moments
+
+    times, sea = read_moments(path), drift.open_currents(path, mean=True)
+    about = sea.attrs
+    return {
+        "eastward": about["east_from"],
+        "northward": about["north_from"],
+        "records": len(times),
+        "times": [str(times[0]), str(times[-1])] if len(times) else [],
+        "depths_m": sea.depth.values.round(3).tolist(),
+        "water_cells": int(sea.water.sum()),
+        "land_cells": int(sea.land.sum()),
+        "notes": about["notes"].splitlines(),
+    }
+
+
+def save_picture(path: Path, what: str, out: Path) -> None:
+    """Draw a map, a graph, trajectories or currents, as commands read them, in a PNG file."""
+    figure = import_module("matplotlib.figure").Figure(layout="constrained")
+    ax = figure.add_subplot()
+    kind = re.split("[:,]", what)[0]
+    with warnings.catch_warnings(action="ignore"):
+        if kind == "a map":
+            room, cell, _ = space.cells.suggested(path, None, None, None)
+            record.plot(space.CellSpace.of(room, cell, 1), ax=ax)
+        elif kind == "a graph":
+            ways = patrol.files.load_ways(path)
+            edges = {tuple(sorted(pair)) for pair in ways.ends.tolist()}
+            record.plot(patrol.Graph(sorted(edges), len(ways.names), ways.xy), ax=ax)
+        elif kind == "trajectories":
+            seen = drift.open_trajectories(path)
+            ax.scatter(seen.lon, seen.lat, 2, seen.drifter, cmap="tab20")
+        elif kind == "currents":
+            sea = drift.open_currents(path, mean=True)
+            speed = (sea.u**2 + sea.v**2).values[0, 0] ** 0.5
+            mesh = ax.pcolormesh(sea.lon, sea.lat, speed)
+            figure.colorbar(mesh, label="speed of the mean current (m/s)")
+        else:
+            raise ValueError(f"out: {path} is {what}, of which there is no picture here")
+    ax.set_title(str(path))
+    with replacing(out) as temporary:
+        figure.savefig(temporary, format="png", dpi=130)
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, dict):
+        return "\n".join(f"{name}: {_shown(part)}" for name, part in value.items())
+    if isinstance(value, list):
+        parts = [_shown(part).replace("\n", ", ") for part in value]
+        return ("\n" if any(isinstance(part, dict) for part in value) else ", ").join(parts)
+    return f"{value:,}" if isinstance(value, int) and not isinstance(value, bool) else str(value)
