@@ -1,9 +1,11 @@
 """Sets that hold a robot although some of its bumps were at things that are not on the map."""
 
 import dataclasses
+import functools
 from typing import NamedTuple
 
 import numpy as np
+import shapely
 from jaxtyping import Bool, Float, Int
 
 from ..base.shown import Shown
@@ -167,6 +169,14 @@ class RelaxedFilter(Shown):
             inside[discs.robot[held]] = True
         return inside
 
+    @functools.cached_property
+    def _tree(self) -> shapely.STRtree:
+        """The tree that finds the walls in a square."""
+        boundary = self.filter.boundary
+        wall = np.arange(boundary.length.size)
+        ends = [boundary.point(wall, arc) for arc in (0.0 * boundary.length, boundary.length)]
+        return shapely.STRtree(shapely.linestrings(np.stack(ends, axis=1)))
+
     def _start(self, robots: int) -> Discs | None:
         """Return the start region as discs; `None` if robots start anywhere."""
         region = self.filter.start
@@ -220,10 +230,11 @@ class RelaxedFilter(Shown):
         self, discs: Discs, low: Float[np.ndarray, "robots"], high: Float[np.ndarray, "robots"]
     ) -> WallSet:
         """Find the places at walls that runs of `low` to `high` metres from discs lead to."""
-        chords = self.filter.chords
-        walls = np.arange(len(chords.boundary.length))
-        disc = np.repeat(np.arange(discs.robot.size), walls.size)
-        wall = np.tile(walls, discs.robot.size)
+        chords, ends = self.filter.chords, self._moved(discs, low, high)
+        # The ends of the runs, between two rays and two lines, lie in a square around their disc.
+        side = 2 * (ends.radius + chords.boundary.bulge.max()) / np.cos(chords.width / 2)
+        squares = shapely.box(*(ends.place - side[:, None]).T, *(ends.place + side[:, None]).T)
+        disc, wall = self._tree.query(squares)
         length = chords.boundary.length[wall]
         whole = WallSet(disc, discs.slice[disc], wall, np.zeros(wall.size), length)
         least, most = low[discs.robot], high[discs.robot]
