@@ -42,6 +42,8 @@ class Anywhere(Result):
     bounces: Bounces
     radius: Annotated[float, quantity("", "distance within which a robot counts as localized", "m")]
     trial: Trial
+    outliers: int
+    "Number of bumps of each robot that were not on the map."
 
     @property
     def answered(self) -> bool:
@@ -53,6 +55,7 @@ class Anywhere(Result):
         when = f", in the median after {counted(bumps, 'bump')}" if np.isfinite(bumps) else ""
         return (
             *self._worst,
+            *self._disbelieved,
             f"{100 * share:.3g} % of {self.robots:,} robots know where they are, to "
             f"{self.radius:.3g} m{when}; {100 * self.lost_share:.3g} % are lost.",
         )
@@ -67,6 +70,20 @@ class Anywhere(Result):
         known = ", ".join(f"{worst[bump - 1] / 2:.2g} m after {bump}" for bump in bumps)
         x, y = start.place
         return (f"From ({x:g} m, {y:g} m), each robot knows its place to within {known} bumps.",)
+
+    @property
+    def _disbelieved(self) -> tuple[str, ...]:
+        """A sentence with the number of bumps that the sets had to disbelieve."""
+        if not self.outliers:
+            return ()
+        robots, counts = np.bincount(self.disbelieved, minlength=2), []
+        for count in range(1, robots.size):
+            share = 100 * robots[count] / self.robots
+            counts.append(f"{counted(count, 'bump')} for {share:.3g} % of the robots")
+        unmapped = counted(self.outliers, "random bump")
+        return (
+            f"{unmapped} per robot not on the map: sets had to disbelieve {', '.join(counts)}.",
+        )
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -170,6 +187,15 @@ class Anywhere(Result):
     )
     def alike_share(self) -> float | None:
         return None if self.filter.start is not None else float(self._unresolved.mean())
+
+    @property
+    def disbelieved(self) -> Int[np.ndarray, "robots"]:
+        """The fewest bumps of each robot that were not on the map, by its sets."""
+        return self.trial.disbelieved[:, -1]
+
+    @derived("", "bumps that sets had to disbelieve, in the mean", "1")
+    def mean_disbelieved(self) -> float | None:
+        return float(self.disbelieved.mean()) if self.outliers else None
 
     @derived("bump", "bumps", kind="coordinate")
     def bump(self) -> Int[np.ndarray, "bumps"]:

@@ -5,7 +5,17 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..walls import Aim, Homing, WallFilter, choose_angles, is_localized
+from ..base.formatting import counted
+from ..walls import (
+    Aim,
+    Homing,
+    RelaxedFilter,
+    WallFilter,
+    WallSet,
+    choose_angles,
+    is_localized,
+    likeliest,
+)
 from .outcome import RunOutcome, count_agreed
 from .run_log import LoggedRun, RunLog, finished
 from .walker import Walker
@@ -19,6 +29,11 @@ class AnywhereOutcome(RunOutcome):
     "The centre of the bounding box of the possible places in metres, or `None` if unknown."
     extent: float | None = None
     "The diagonal of the box around the places in metres, or `None` if unknown."
+    disbelieved: tuple[int, ...] = ()
+    """The bumps, counted from 1, at which the sets first had to disbelieve another bump. That bump,
+    which was not on the map, is the same one or an earlier one."""
+    refuted: tuple[int, ...] = ()
+    "The bumps, counted from 1, whose runs were impossible after the runs before them."
 
 
 CONFIRM = 20
@@ -50,6 +65,10 @@ class AnywhereSettings:
     confirm: int = CONFIRM
     """The number of further straight runs that must not refute the map before the robot is
     localized. The arrival at a goal is not confirmed."""
+    outliers: int = 0
+    "The number of bumps at things that are not on the map, such as a chair, that sets tolerate."
+    restarts: int = 0
+    "The number of times that a refuted run begins again from everywhere, while the robot drives."
 
 
 def run_anywhere(
@@ -95,6 +114,7 @@ def run_anywhere(
                 observation=1,
                 run=run,
                 extent=round(follower.extent, 4) if math.isfinite(follower.extent) else None,
+                **({"disbelieved": len(follower.disbelieved)} if settings.outliers else {}),
                 turn=turn,
                 estimate=np.round(walker.estimate, 4).tolist(),
             )
@@ -131,48 +151,78 @@ class SetFollower:
 
     def __init__(self, settings: AnywhereSettings) -> None:
         self.settings, self._rng = settings, np.random.default_rng(settings.seed)
-        self.state: Any = None
         self.bumps = 0
+        self.result: Literal["localized", "arrived", "refuted"] | None = None
+        self.refuted: list[int] = []
+        self._begin(settings.filter)
+
+    def _begin(self, filter: WallFilter) -> None:
+        """Begin with a robot that has not driven yet, and is followed by a filter."""
+        outliers = self.settings.outliers
+        self.filter: Any = RelaxedFilter(filter, outliers) if outliers else filter
+        self.state: Any = None
         self.extent = math.inf
         self.agreed: int | None = None
-        self.result: Literal["localized", "arrived", "refuted"] | None = None
+        self.disbelieved: list[int] = []
 
     def observe(self, run: float | None) -> None:
         """Update the possible places after a straight run of `run` metres to a wall.
 
         `None` means that a run longer than the room met no wall, which refutes the map.
         """
-        filter, homing = self.settings.filter, self.settings.homing
+        filter, homing = self.filter, self.settings.homing
         self.bumps += 1
-        if run is None:
-            self.state, self.extent, self.result = None, math.inf, "refuted"
+        if run is not None:
+            self.state = filter.observe(self.state, max(run, 0.0))
+        if run is None or filter.refuted(self.state, 1)[0]:
+            self.state, self.extent = None, math.inf
+            self._refute()
             return
-        self.state = filter.observe(self.state, max(run, 0.0))
         extent = filter.extent(self.state, 1)
         self.extent = float(extent[0])
-        if filter.refuted(self.state, 1)[0]:
-            self.result = "refuted"
-        elif homing is not None:
-            self.result = "arrived" if homing.arrived(self.state, 1)[0] else None
+        if self.settings.outliers:
+            more = int(filter.disbelieved(self.state, 1)[0]) - len(self.disbelieved)
+            self.disbelieved += [self.bumps] * more
+        if homing is not None:
+            arrived = filter.within(self.state, 1, homing.goal, homing.radius)[0]
+            self.result = "arrived" if arrived else None
         else:
             known = bool(is_localized(extent, self.settings.radius)[0])
             self.agreed = count_agreed(self.agreed, known)
             if known and self.agreed is not None and self.agreed >= self.settings.confirm:
                 self.result = "localized"
 
+    def _refute(self) -> None:
+        """Begin again from everywhere, or end the run if it has done so often enough."""
+        self.refuted.append(self.bumps)
+        if len(self.refuted) > self.settings.restarts:
+            self.result = "refuted"
+        else:
+            filter = self.settings.filter
+            every = np.ones_like(filter.first)
+            self._begin(dataclasses.replace(filter, first=every, start=None))
+
+    @property
+    def likeliest(self) -> WallSet:
+        """The possible places on walls, if the fewest bumps were not on the map."""
+        return likeliest(self.state, 1)
+
     def choose(self) -> float:
         """Choose the angle to turn by at this bump, in radians."""
         filter, bounces = self.settings.filter, self.settings.bounces
+        if self.state is None:
+            return bounces[int(self._rng.integers(len(bounces)))]
         if self.settings.homing is not None:
-            chosen = self.settings.homing.choose(self.state, 1, self._rng)
+            chosen = self.settings.homing.choose(self.likeliest, 1, self._rng)
         else:
-            aim, ahead = self.settings.aim, self.settings.ahead
-            chosen = choose_angles(filter, self.state, 1, bounces, self._rng, aim=aim, ahead=ahead)
+            aim, ahead, state = self.settings.aim, self.settings.ahead, self.likeliest
+            chosen = choose_angles(filter, state, 1, bounces, self._rng, aim=aim, ahead=ahead)
         return bounces[int(chosen[0])]
 
     def turn(self, angle: float) -> None:
         """Update the headings at the possible places after a turn by an angle in radians."""
-        self.state = self.settings.filter.turn(self.state, angle)
+        if self.state is not None:
+            self.state = self.filter.turn(self.state, angle)
 
     def follow(self, run: LoggedRun) -> Iterator[tuple[float | None, float | None]]:
         """Replay a log, and yield the length of the run before each bump and the turn after it.
@@ -203,12 +253,9 @@ class SetFollower:
 
     def outcome(self) -> AnywhereOutcome:
         """Return the outcome of the run so far."""
-        place, where = None, "nowhere"
-        if self.state is not None and self.state.wall.size:
-            boundary = self.settings.filter.boundary
-            arcs = self.state.begin, self.state.end
-            ends = np.concatenate([boundary.point(self.state.wall, arc) for arc in arcs])
-            x, y = ((ends.min(axis=0) + ends.max(axis=0)) / 2).tolist()
+        place, where = None, "nowhere" if self.result == "refuted" else "anywhere"
+        if math.isfinite(self.extent):
+            x, y = (sum(self.filter.box(self.state, 1))[0] / 2).tolist()
             place = (x, y)
             where = f"within {self.extent / 2:.2f} m of ({x:.2f} m, {y:.2f} m)"
         agreed = self.agreed or 0
@@ -217,9 +264,15 @@ class SetFollower:
         unknown = f"not known after {self.bumps} bumps: {where}"
         if self.agreed is not None:
             unknown = f"not confirmed by {self.settings.confirm} bumps: {known}"
+        outliers, again = self.settings.outliers, list(self.refuted)
+        if self.result == "refuted":
+            again.pop()
+        before = self.bumps - 1 - max(again, default=0)
+        even = f", even if {outliers} of the bumps were not on the map" if outliers else ""
         refuted = (
-            f"the first {self.bumps} runs are impossible from every place in the room: the map is "
-            "wrong, or the errors of the robot are larger than their bounds"
+            f"the run to bump {self.bumps} is impossible from every place in the room after the "
+            f"{before} runs before it{even}: the map is wrong, or the errors of the robot are "
+            "larger than their bounds"
         )
         if not self.settings.filter.errors.displacement:
             refuted += (
@@ -228,8 +281,20 @@ class SetFollower:
             )
         arrived = f"at the goal after {self.bumps} bumps, {where}"
         reasons = {"localized": known, "arrived": arrived, "refuted": refuted, None: unknown}
+        reason = reasons[self.result]
+        if self.disbelieved:
+            were = f"{counted(len(self.disbelieved), 'bump')} not on the map, found at bump "
+            reason += f"; disbelieved {were}{', '.join(map(str, self.disbelieved))}"
+        if again:
+            reason += f"; begun again from everywhere after bump {', '.join(map(str, again))}"
         result, observations = self.result or "unfinished", "1" * self.bumps
         extent = self.extent if math.isfinite(self.extent) else None
         return AnywhereOutcome(
-            result, observations, reasons[self.result], place=place, extent=extent
+            result,
+            observations,
+            reason,
+            place=place,
+            extent=extent,
+            disbelieved=tuple(self.disbelieved),
+            refuted=tuple(self.refuted),
         )

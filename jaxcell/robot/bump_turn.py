@@ -40,7 +40,7 @@ def estimate_bump_turn(run: LoggedRun, settings: AnywhereSettings) -> float:
     for length, turn in follower.follow(run):
         lengths.append(math.inf if length is None else length)
         turns.append(turn or 0.0)
-        states.append(follower.state if follower.extent <= _EXTENT else None)
+        states.append(follower.likeliest if follower.extent <= _EXTENT else None)
     rng = np.random.default_rng(0)
     error, windows = np.zeros(_BUMP_TURNS.size), 0
     for first, state in enumerate(states[: -_RUNS or None]):

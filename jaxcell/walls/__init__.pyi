@@ -13,7 +13,11 @@ from .filter import (
     is_localized as is_localized,
 )
 from .homing import Homing as Homing
-from .relaxed import RelaxedFilter as RelaxedFilter, RelaxedSet as RelaxedSet
+from .relaxed import (
+    RelaxedFilter as RelaxedFilter,
+    RelaxedSet as RelaxedSet,
+    likeliest as likeliest,
+)
 from .sets import WallSet as WallSet, contains as contains
 from .start import StartRegion as StartRegion
 from .symmetry import (

@@ -58,6 +58,9 @@ def choose_angles(
         part = state.take((state.robot >= first) & (state.robot < first + size))
         part = part._replace(robot=part.robot - first)
         count = min(size, robots - first)
+        if not part.robot.size:
+            chosen[first : first + count] = rng.integers(len(angles), size=count)
+            continue
         sizes = _expected_sizes(filter, part, count, angles, rng, aim, ahead, draws)
         of_use = sizes.min(axis=0) < _OF_USE * _sizes(filter, part, count)
         drawn = rng.integers(len(angles), size=count)

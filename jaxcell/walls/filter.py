@@ -15,7 +15,7 @@ from ..base.shown import Shown
 from ..space import Workspace
 from .boundary import Boundary, bump_gains
 from .chords import Chords
-from .sets import WallSet, arrivals, everywhere, observe, turned
+from .sets import WallSet, arrivals, contains, everywhere, observe, turned
 from .start import StartRegion
 
 
@@ -246,12 +246,41 @@ class WallFilter(Shown):
 
         The extent of an empty set is infinite, because nothing is known about a lost robot.
         """
+        low, high = self.box(state, robots)
+        return np.linalg.norm(np.where(high >= low, high - low, np.inf), axis=1)
+
+    def box(
+        self, state: WallSet, robots: int
+    ) -> tuple[Float[np.ndarray, "robots 2"], Float[np.ndarray, "robots 2"]]:
+        """Compute the lower left and the upper right corner of the box around each set, in metres.
+
+        The box of an empty set is empty: its lower left corner is infinite, the other one minus
+        infinite.
+        """
         low, high = np.full((robots, 2), np.inf), np.full((robots, 2), -np.inf)
         for arc in (state.begin, state.end):
             end = self.boundary.point(state.wall, arc)
             np.minimum.at(low, state.robot, end)
             np.maximum.at(high, state.robot, end)
-        return np.linalg.norm(np.where(high >= low, high - low, np.inf), axis=1)
+        return low, high
+
+    def contains(
+        self,
+        state: WallSet,
+        slices: Int[np.ndarray, "robots"],
+        place: Float[np.ndarray, "robots 2"],
+    ) -> Bool[np.ndarray, "robots"]:
+        """Check for each robot whether its set contains its place with its slice of headings."""
+        return contains(self.boundary, state, slices, place)
+
+    def within(
+        self, state: WallSet, robots: int, centre: tuple[float, float], radius: float
+    ) -> Bool[np.ndarray, "robots"]:
+        """Check for each robot whether its set is not empty and lies wholly in a disc."""
+        ends = [self.boundary.point(state.wall, arc) for arc in (state.begin, state.end)]
+        outside = np.max([np.hypot(*(end - centre).T) for end in ends], axis=0) > radius
+        leaves = np.bincount(state.robot[outside], minlength=robots) > 0
+        return ~leaves & ~self.refuted(state, robots)
 
     def refuted(self, state: WallSet, robots: int) -> Bool[np.ndarray, "robots"]:
         """Check for each robot whether its set is empty, so that no place explains its runs."""

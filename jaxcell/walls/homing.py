@@ -124,12 +124,6 @@ class Homing(Shown):
         place = self.filter.boundary.point(wall, arc)
         return np.hypot(*(place - np.array(self.goal)).T) <= self.radius
 
-    def arrived(self, state: WallSet, robots: int) -> Bool[np.ndarray, "robots"]:
-        """Check for each robot whether its set is not empty and lies wholly in the goal."""
-        inside = self._within(state.wall, state.begin) & self._within(state.wall, state.end)
-        outside = np.bincount(state.robot[~inside], minlength=robots)
-        return (outside == 0) & ~self.filter.refuted(state, robots)
-
     def choose(
         self, state: WallSet, robots: int, rng: np.random.Generator
     ) -> Int[np.ndarray, "robots"]:

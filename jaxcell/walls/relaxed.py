@@ -1,15 +1,17 @@
 """Sets that hold a robot although some of its bumps were at things that are not on the map."""
 
 import dataclasses
+import functools
 from typing import NamedTuple
 
 import numpy as np
+import shapely
 from jaxtyping import Bool, Float, Int
 
 from ..base.shown import Shown
 from ..space.copies import copies
 from .filter import Lengths, WallFilter
-from .sets import WallSet, arrivals, contains, everywhere, leaving, observe
+from .sets import WallSet, arrivals, everywhere, leaving, observe
 from .start import at_distance
 
 
@@ -126,30 +128,45 @@ class RelaxedFilter(Shown):
 
         The extent is infinite for an empty set, and while no bump needs to have been on the map.
         """
-        boundary = self.filter.boundary
-        low, high = np.full((robots, 2), np.inf), np.full((robots, 2), -np.inf)
-        for walls, discs in zip(state.walls, state.discs, strict=True):
-            for arc in (walls.begin, walls.end):
-                end = boundary.point(walls.wall, arc)
-                np.minimum.at(low, walls.robot, end)
-                np.maximum.at(high, walls.robot, end)
+        low, high = self.box(state, robots)
+        return np.linalg.norm(np.where(high >= low, high - low, np.inf), axis=1)
+
+    def box(
+        self, state: RelaxedSet, robots: int
+    ) -> tuple[Float[np.ndarray, "robots 2"], Float[np.ndarray, "robots 2"]]:
+        """Compute two corners of the box around each set, as `WallFilter.box` does."""
+        boxes = [self.filter.box(walls, robots) for walls in state.walls]
+        low, high = np.min([low for low, _ in boxes], 0), np.max([high for _, high in boxes], 0)
+        for discs in state.discs:
             np.minimum.at(low, discs.robot, discs.place - discs.radius[:, None])
             np.maximum.at(high, discs.robot, discs.place + discs.radius[:, None])
-        known = (high >= low) & (self.filter.start is not None or state.bumps > self.outliers)
-        return np.linalg.norm(np.where(known, high - low, np.inf), axis=1)
+        if self._anywhere(state):
+            return np.full_like(low, -np.inf), np.full_like(high, np.inf)
+        return low, high
+
+    def within(
+        self, state: RelaxedSet, robots: int, centre: tuple[float, float], radius: float
+    ) -> Bool[np.ndarray, "robots"]:
+        """Check for each robot whether its set is not empty and lies wholly in a disc."""
+        leaves = np.full(robots, self._anywhere(state))
+        for walls, discs in zip(state.walls, state.discs, strict=True):
+            inside = self.filter.within(walls, robots, centre, radius)
+            leaves |= ~inside & ~self.filter.refuted(walls, robots)
+            outside = np.hypot(*(discs.place - centre).T) + discs.radius > radius
+            leaves[discs.robot[outside]] = True
+        return ~leaves & ~self.refuted(state, robots)
+
+    def refuted(self, state: RelaxedSet, robots: int) -> Bool[np.ndarray, "robots"]:
+        """Check for each robot whether more bumps were not on the map than `outliers`."""
+        return self.disbelieved(state, robots) > self.outliers
 
     def disbelieved(self, state: RelaxedSet, robots: int) -> Int[np.ndarray, "robots"]:
         """Count the fewest bumps of each robot that were not on the map.
 
         The number is `outliers + 1` for an empty set: more bumps were not on the map.
         """
-        fewest = np.full(robots, self.outliers + 1)
-        for level in reversed(range(self.outliers + 1)):
-            fewest[state.walls[level].robot] = level
-            fewest[state.discs[level].robot] = level
-        if self.filter.start is None and state.bumps <= self.outliers:
-            fewest = np.minimum(fewest, state.bumps)
-        return fewest
+        fewest = _fewest(state, robots)
+        return np.minimum(fewest, state.bumps) if self._anywhere(state) else fewest
 
     def contains(
         self,
@@ -158,14 +175,25 @@ class RelaxedFilter(Shown):
         place: Float[np.ndarray, "robots 2"],
     ) -> Bool[np.ndarray, "robots"]:
         """Check for each robot whether its set contains its place with its slice of headings."""
-        anywhere = self.filter.start is None and state.bumps <= self.outliers
-        inside = np.full(len(place), anywhere)
+        inside = np.full(len(place), self._anywhere(state))
         for walls, discs in zip(state.walls, state.discs, strict=True):
-            inside |= contains(self.filter.boundary, walls, slices, place)
+            inside |= self.filter.contains(walls, slices, place)
             apart = np.hypot(*(place[discs.robot] - discs.place).T)
             held = (discs.slice == slices[discs.robot]) & (apart <= discs.radius)
             inside[discs.robot[held]] = True
         return inside
+
+    def _anywhere(self, state: RelaxedSet) -> bool:
+        """Return whether robots may be anywhere, because no bump needs to have been on the map."""
+        return self.filter.start is None and state.bumps <= self.outliers
+
+    @functools.cached_property
+    def _tree(self) -> shapely.STRtree:
+        """The tree that finds the walls in a square."""
+        boundary = self.filter.boundary
+        wall = np.arange(boundary.length.size)
+        ends = [boundary.point(wall, arc) for arc in (0.0 * boundary.length, boundary.length)]
+        return shapely.STRtree(shapely.linestrings(np.stack(ends, axis=1)))
 
     def _start(self, robots: int) -> Discs | None:
         """Return the start region as discs; `None` if robots start anywhere."""
@@ -220,16 +248,36 @@ class RelaxedFilter(Shown):
         self, discs: Discs, low: Float[np.ndarray, "robots"], high: Float[np.ndarray, "robots"]
     ) -> WallSet:
         """Find the places at walls that runs of `low` to `high` metres from discs lead to."""
-        chords = self.filter.chords
-        walls = np.arange(len(chords.boundary.length))
-        disc = np.repeat(np.arange(discs.robot.size), walls.size)
-        wall = np.tile(walls, discs.robot.size)
+        chords, ends = self.filter.chords, self._moved(discs, low, high)
+        # The ends of the runs, between two rays and two lines, lie in a square around their disc.
+        side = 2 * (ends.radius + chords.boundary.bulge.max()) / np.cos(chords.width / 2)
+        squares = shapely.box(*(ends.place - side[:, None]).T, *(ends.place + side[:, None]).T)
+        disc, wall = self._tree.query(squares)
         length = chords.boundary.length[wall]
         whole = WallSet(disc, discs.slice[disc], wall, np.zeros(wall.size), length)
         least, most = low[discs.robot], high[discs.robot]
         ahead = at_distance(chords, whole, discs.place, discs.radius, least, most)
         reached = arrivals(chords, ahead, least)
         return reached._replace(robot=discs.robot[reached.robot])
+
+
+def likeliest(state: WallSet | RelaxedSet, robots: int) -> WallSet:
+    """Return the places on walls of each robot if the fewest bumps were not on the map."""
+    if isinstance(state, WallSet):
+        return state
+    fewest = _fewest(state, robots)
+    kept = [part.take(fewest[part.robot] == level) for level, part in enumerate(state.walls)]
+    return WallSet(*map(np.concatenate, zip(*kept, strict=True))).joined()
+
+
+def _fewest(state: RelaxedSet, robots: int) -> Int[np.ndarray, "robots"]:
+    """Find the least level with a place of each robot; the number of levels if no level has one."""
+    levels = len(state.walls)
+    fewest = np.full(robots, levels)
+    for level in reversed(range(levels)):
+        fewest[state.walls[level].robot] = level
+        fewest[state.discs[level].robot] = level
+    return fewest
 
 
 def _nothing() -> tuple[WallSet, Discs]:

@@ -1,7 +1,9 @@
 """Simulate robots that start anywhere, and track them with their filter."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -12,12 +14,15 @@ from .boundary import bump_gains, places_anywhere, run_to_wall
 from .choice import Aim, choose_angles
 from .filter import WallFilter
 from .homing import Homing
-from .sets import WallSet, contains
+from .relaxed import RelaxedFilter, RelaxedSet, likeliest
+from .sets import WallSet
 from .start import StartRegion
 
 
 # The largest number of robots that are followed together, and of the stretches of their sets.
 _ROBOTS, _STRETCHES = 1000, 3_000_000
+# The number of discs for each stretch of the first set, for each bump that was not on the map.
+_DISCS = 8
 # An error is smaller than its bound by this factor, so that rounding does not exceed the bound.
 _WITHIN = 1 - 1e-9
 
@@ -29,7 +34,8 @@ class Trial(Shown):
     start: Float[np.ndarray, "robots 2"]
     "The place of each robot at the start, in metres."
     sets: tuple[WallSet, ...]
-    "The set of possible places of the first robot after each bump."
+    """The set of possible places of the first robot after each bump, if the fewest bumps were not
+    on the map."""
     place: Float[np.ndarray, "robots bumps 2"]
     "The place of each bump, in metres."
     heading: Float[np.ndarray, "robots bumps"]
@@ -42,6 +48,8 @@ class Trial(Shown):
     "True if the set after the bump contains the robot."
     arrived: Bool[np.ndarray, "robots bumps"]
     "True if the whole set is in the goal; false without a goal."
+    disbelieved: Int[np.ndarray, "robots bumps"]
+    "The fewest bumps so far that were not on the map, by the sets."
 
 
 def drive_anywhere(
@@ -56,13 +64,15 @@ def drive_anywhere(
     start: tuple[float, float, float] | None = None,
     aim: Aim = "mean",
     ahead: int = 1,
+    outliers: int = 0,
     seed: int = 0,
     say: Callable[..., None] = lambda doing, done=0, total=0: None,
 ) -> Trial:
     """Drive robots from random places, and track each robot with a filter.
 
     Robots start anywhere, or in the region `filter.start`. Each error of a robot has the size of
-    its bound, with a random sign.
+    its bound, with a random sign. `outliers` bumps of each robot, at random times, are at things
+    inside the room that are not on the map, and the sets tolerate as many.
 
     **Arguments:**
 
@@ -85,9 +95,10 @@ def drive_anywhere(
             return goal.choose(state, robots, rng)
         return choose_angles(filter, state, robots, angles, rng, aim=aim, ahead=ahead)
 
-    driver = _Driver(filter, np.asarray(angles), goal, choose, rng)
+    driver = _Driver(filter, np.asarray(angles), goal, choose, outliers, rng)
     trials = []
-    size = max(1, min(_ROBOTS, _STRETCHES // max(1, len(filter.observe(None, 0.0).wall))))
+    first_set = len(filter.observe(None, 0.0).wall) * (1 + _DISCS * outliers)
+    size = max(1, min(_ROBOTS, _STRETCHES // max(1, first_set)))
     for first in range(0, robots, size):
         say("driving robots", first, robots)
         part = slice(first, first + size)
@@ -126,23 +137,37 @@ class _Driver:
     angles: Float[np.ndarray, "angles"]
     goal: Homing | None
     choose: Callable[[WallSet, int], Int[np.ndarray, "robots"]]
+    outliers: int
     rng: np.random.Generator
+
+    @functools.cached_property
+    def tracker(self) -> WallFilter | RelaxedFilter:
+        """The filter that follows the robots."""
+        return RelaxedFilter(self.filter, self.outliers) if self.outliers else self.filter
 
     def drive(
         self, place: Float[np.ndarray, "robots 2"], heading: Float[np.ndarray, "robots"], bumps: int
     ) -> tuple[list[np.ndarray], tuple[WallSet, ...]]:
         """Drive robots from their starts; return the arrays and the sets of a [`Trial`][]."""
         filter, robots = self.filter, len(place)
+        tracker: Any = self.tracker
         heading = heading + filter.errors.heading * self._signs(robots) * _WITHIN
+        things = self.rng.integers(bumps, size=(self.outliers, robots))
         rows, sets, state = [], [], None
-        for _ in range(bumps):
+        for bump in range(bumps):
             wall, arc, run = run_to_wall(filter.boundary, place, heading)
-            place = filter.boundary.point(wall, arc)
-            state = filter.observe(state, self._measure(run))
+            met = (things == bump).any(axis=0)
+            short = run * self.rng.uniform(0.1, 0.9, robots) if met.any() else run
+            ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+            inside = place + short[:, None] * ahead
+            place = np.where(met[:, None], inside, filter.boundary.point(wall, arc))
+            run = np.where(met, short, run)
+            state = tracker.observe(state, self._measure(run))
             rows.append((place, heading, run, *self._track(state, place, heading)))
-            sets.append(state.take(state.robot == 0))
-            angle = self.angles[self.choose(state, robots)]
-            state = filter.turn(state, angle)
+            likely = likeliest(state, robots)
+            sets.append(likely.take(likely.robot == 0))
+            angle = self.angles[self.choose(likely, robots)]
+            state = tracker.turn(state, angle)
             heading = self._turn(wall, heading, angle)
             place = self._displace(place, wall)
         return [np.stack(part, axis=1) for part in zip(*rows, strict=True)], tuple(sets)
@@ -160,15 +185,21 @@ class _Driver:
 
     def _track(
         self,
-        state: WallSet,
+        state: WallSet | RelaxedSet,
         place: Float[np.ndarray, "robots 2"],
         heading: Float[np.ndarray, "robots"],
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Compute the `extent` of each set, and whether it has `held` its robot or `arrived`."""
-        filter, robots = self.filter, len(place)
-        held = contains(filter.boundary, state, filter.slice_of(heading), place)
-        arrived = np.zeros(robots, bool) if self.goal is None else self.goal.arrived(state, robots)
-        return filter.extent(state, robots), held, arrived
+    ) -> tuple[np.ndarray, ...]:
+        """Compute the last four arrays of a [`Trial`][] after a bump."""
+        tracker: Any = self.tracker
+        robots, goal = len(place), self.goal
+        held = tracker.contains(state, self.filter.slice_of(heading), place)
+        arrived = np.zeros(robots, bool)
+        if goal is not None:
+            arrived = tracker.within(state, robots, goal.goal, goal.radius)
+        disbelieved = np.zeros(robots, int)
+        if self.outliers:
+            disbelieved = tracker.disbelieved(state, robots)
+        return tracker.extent(state, robots), held, arrived, disbelieved
 
     def _turn(
         self,

@@ -33,7 +33,7 @@ class RunOptions(Printing):
             *("errors", "give", "physics"),
             *("friction", "speedup", "seed"),
         ),
-        "When does the run end?": ("limit", "until", "visits", "bumps"),
+        "When does the run end?": ("limit", "until", "outliers", "restarts", "visits", "bumps"),
         "Which robot of a patrol is it?": ("robot", "intruder", "camera"),
     }
 
@@ -97,6 +97,12 @@ class RunOptions(Printing):
     leaves one configuration on a wrong map, too, unless further observations refute it. For a
     belief, decibans of evidence, by default 30: the map must explain the observations 10^(N/10)
     times better than a predictor that learns from them. With 0 an answer is not confirmed."""
+    outliers: Annotated[int | None, Limit(ge=0, le=3)] = None
+    """Number of bumps at things that are not on the map, such as a chair, that the sets of a robot
+    that starts anywhere tolerate; by default the number in the task."""
+    restarts: Annotated[int | None, Limit(ge=0)] = None
+    """Number of times that a robot that starts anywhere begins again from everywhere, without a
+    stop, after a run that is impossible; by default 0."""
     visits: AtLeastOne = 100
     """Number of cells to visit on a patrol."""
     bumps: AtLeastOne = 20

@@ -28,6 +28,8 @@ from .emulation import Emulation
 
 LOG, RECORDING, SUMMARY = "run.jsonl", "run.rrd", "summary.json"
 """The names of the files of a run in its folder."""
+ANYWHERE = ("confirm", "outliers", "restarts")
+"""The options that replace settings of the task of a robot that starts anywhere."""
 _FILES = (LOG, RECORDING, SUMMARY)
 _COMMANDS = {"RobotRun": ("robot", "run"), "RobotReplay": ("robot", "replay")}
 _SIDES = ("East", "North", "West", "South")
@@ -107,7 +109,10 @@ def _replayed(run: LoggedRun, file: Path | None) -> RunOutcome:
         case PolicyTask() | BeliefTask() as task:
             return replay_follower(run, task.follower(confirm=confirm))
         case AnywhereTask() as task:
-            return replay_anywhere(run, dataclasses.replace(task.settings, confirm=confirm))
+            fields = Fields(run.header, "")
+            chosen = {name: fields.whole(name, 0, 2**31) for name in ANYWHERE if name in run.header}
+            settings = dataclasses.replace(task.settings, **{"confirm": 0} | chosen)
+            return replay_anywhere(run, settings)
         case PatrolTask() as task:
             return replay_patrol(run, task)
     raise ValueError(f"kind: expected filter, policy, belief, plan, team or patrol, got {kind!r}")

@@ -19,7 +19,7 @@ from ...robot.walker import Walker
 from ...study.map_study import cell_at
 from .emulation import Emulation, seen_from
 from .options import RunOptions
-from .outcome import confirmed_by
+from .outcome import ANYWHERE, confirmed_by
 
 
 Runner: TypeAlias = tuple[dict[str, Any], Callable[[Walker, RunLog | None], RunOutcome]]
@@ -31,6 +31,8 @@ _KINDS = {
     "camera": ("patrol",),
     "until": ("filter",),
     "confirm": ("filter", "policy", "belief", "anywhere"),
+    "outliers": ("anywhere",),
+    "restarts": ("anywhere",),
 }
 
 
@@ -62,12 +64,11 @@ def runner_of(
                 raise ValueError(
                     "--resume: a robot that starts anywhere cannot resume a run; start another run"
                 )
-            anywhere = task.settings
-            if options.confirm is not None:
-                anywhere = dataclasses.replace(anywhere, confirm=options.confirm)
-            return header | {"confirm": anywhere.confirm}, lambda walker, log: run_anywhere(
-                walker, anywhere, log=log, limit=limit
-            )
+            chosen = {name: getattr(options, name) for name in ANYWHERE}
+            chosen = {name: value for name, value in chosen.items() if value is not None}
+            anywhere = dataclasses.replace(task.settings, **chosen)
+            header |= {name: getattr(anywhere, name) for name in ANYWHERE}
+            return header, lambda walker, log: run_anywhere(walker, anywhere, log=log, limit=limit)
         case PlanTask():
             return header, lambda walker, log: run_plan(walker, task.actions, log=log)
         case MemberTask():

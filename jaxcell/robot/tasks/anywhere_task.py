@@ -43,6 +43,7 @@ def save_anywhere(path: str | os.PathLike[str], workspace: Workspace, **fields: 
     `ahead` are for the fields `radius`, `aim` and `ahead` of [`AnywhereSettings`][]. `goal_m` and
     `goal_radius_m` are the centre and radius of a goal; without a goal the robot localizes itself.
     `from` (as a dictionary) is the region where the robot starts; without it, it starts anywhere.
+    `outliers` is the number of bumps that may not be on the map, by default 0.
     """
     write_task(
         path,
@@ -81,6 +82,7 @@ def read_anywhere(path: Path, values: dict[str, Any]) -> AnywhereTask:
     radius = fields.number("known_m", 0.0)
     aim: Aim = "worst" if values.get("aim") == "worst" else "mean"
     ahead = fields.whole("ahead", 1, 3) if "ahead" in values else 1
+    outliers = fields.whole("outliers", 0, 3) if "outliers" in values else 0
 
     def build() -> AnywhereSettings:
         filter = WallFilter.of(
@@ -92,7 +94,7 @@ def read_anywhere(path: Path, values: dict[str, Any]) -> AnywhereTask:
             start=start,
         )
         homing = None if goal is None else Homing(filter, *goal, bounces)
-        return AnywhereSettings(filter, bounces, radius, homing, aim, ahead)
+        return AnywhereSettings(filter, bounces, radius, homing, aim, ahead, outliers=outliers)
 
     return AnywhereTask(**common, headings=headings, start=start, build=build)
 

@@ -26,7 +26,7 @@ class AnywhereStudy(RobotStudy):
     """Base class of studies whose robots may start anywhere, not only at the centres of cells."""
 
     headings: ClassVar[Headings] = {
-        "How wrong can the robot be?": ("heading", "errors", "measured"),
+        "How wrong can the robot be?": ("heading", "errors", "measured", "outliers"),
         "How is it simulated?": ("robots", "bumps", "radius", "slices", "seed"),
     }
 
@@ -50,6 +50,9 @@ class AnywhereStudy(RobotStudy):
     45 degrees of incidence causes."""
     measured: bool = False
     """Let the robots measure the distance between bumps instead of counting steps."""
+    outliers: Annotated[int, Limit(ge=0, le=3)] = 0
+    """Number of bumps of each robot at things that are not on the map, such as a chair. Sets hold
+    the robot although as many bumps were not on the map."""
     robots: AtLeastOne = 1000
     """Number of robots."""
     bumps: AtLeastOne = 30
@@ -122,6 +125,7 @@ class AnywhereStudy(RobotStudy):
             "counted_m": filter.step,
             "known_m": result.radius,
             **self.choice,
+            **({"outliers": self.outliers} if self.outliers else {}),
         }
         if filter.start is not None:
             about["from"] = dataclasses.asdict(filter.start)
@@ -164,6 +168,7 @@ class AnywhereStudy(RobotStudy):
             headings=headings,
             goal=homing,
             start=first,
+            outliers=self.outliers,
             **self.choice,
             seed=self.seed,
             say=say,
@@ -173,6 +178,7 @@ class AnywhereStudy(RobotStudy):
             radius = cells.cell / 2 if goal is None else goal[1]
         driven: dict[str, Any] = {"cells": cells, "filter": filter, "bounces": angles}
         driven |= {"radius": radius, "trial": trial, "headings": headings}
+        driven["outliers"] = self.outliers
         if homing is None:
             return bouncing.Anywhere(**driven)
         planned = _planned(cells, angles, trial, homing.goal)
