@@ -137,7 +137,7 @@ def largest_cover(
         gained.append(float(gain[best]))
         row = slice(*shares.indptr[best : best + 2])
         missing[shares.indices[row]] *= 1 - shares.data[row]
-    bound = _bound(shares[allowed], count, missing, sum(gained))
+    bound = _bound(shares[allowed], count, missing, sum(gained, 0.0))
     return LargestCover(np.array(chosen, np.int32), np.array(gained), bound)
 
 
@@ -151,6 +151,8 @@ def _bound(
     those of Polyak (1969) towards `least`, which some sets reach.
     """
     bound, count = np.inf, min(count, shares.shape[0])
+    if not count:
+        return least
     for step in range(_DUAL_STEPS):
         gain = shares @ weight
         top = np.argpartition(-gain, count - 1)[:count]

@@ -20,7 +20,7 @@ def save_sea(found: Dropped | Released, path: str | os.PathLike[str]) -> None:
     Two drifters in the bundled sea:
 
         >>> from jaxcell import examples, record, study
-        >>> found = study.Deploy(file="@gyres", depth=0, drop=2, until=0.1).run()
+        >>> found = study.Deploy(file="@gyres", drop=2, depth=0.0, until=0.1).run()
         >>> record.save_sea(found, examples.folder() / "drops.png")
     """
     figure = import_module("matplotlib.figure").Figure((9, 8), layout="constrained")
