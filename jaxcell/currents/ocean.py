@@ -78,8 +78,9 @@ def open_currents(
         or an open dataset.
     - `grid`: a second source of positions, masks and depths, if `path` lacks them.
     - `time`: the index of a record, a moment (text such as `"2016-02-02T12:00"`, UTC, or a date for
-        its midnight), a slice of indices, or a pair of the first and the last record, as indices or
-        moments, both included; by default all records. A moment selects the nearest record (the
+        its midnight), a slice of indices, a month `"2016-02"`, or a pair of the first and the last
+        record, as indices or moments, both included, or as a text `"2016-02-01/2016-02-11"`; by
+        default all records. A moment selects the nearest record (the
         later of two equally near ones), which must be within half the time between records. Moments
         are dates of the calendar of the file. If its years have 360 days, or no leap days, days are
         counted from the beginning of the year of the first record, which `notes` mentions.

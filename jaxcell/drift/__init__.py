@@ -55,6 +55,7 @@ exponent), `ridges` and `agreement` compare the borders of groups with coherent 
 
 **A release.** `Released` has the drifters of one release, simulated in the current as it changes:
 probabilities with exact intervals, arrivals and beaching, beside what the chain gives for them.
+`Dropped` has the places from which a number of such drifters visit the most cells in a time.
 
 **Observed drifters.** `open_trajectories` reads positions of drifters or of the particles of a
 model. `count_moves` counts moves between cells in a fixed time; the cells are `boxes` of longitude

@@ -50,6 +50,7 @@ from .reachability import (
 )
 from .regions import Exchange as Exchange, read_regions as read_regions
 from .results.current_layer import Layer as Layer
+from .results.dropped import Dropped as Dropped
 from .results.released import Released as Released
 from .results.sea_drift import SeaDrift as SeaDrift
 from .validation.coherent import (

@@ -3,10 +3,12 @@
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+import scipy.sparse
 from jaxtyping import Bool, Float, Int
 
 from ..base.shown import Shown
@@ -21,8 +23,8 @@ from .positions import on_the_grid
 from .water import Water, square
 
 
-# The longest time in seconds between two looks at where drifters are.
-_TICK = 3600.0
+# The longest time in seconds between two looks at where drifters are, and a day.
+_TICK, DAY = 3600.0, 86_400.0
 
 
 def points_around(
@@ -84,6 +86,60 @@ class Release(Shown):
     "The cell where a drifter has stranded or, if none strands, was first at a coast; -1 for none."
 
 
+class Look(NamedTuple):
+    """Where drifters are at a time; they stay where they left the map or stranded."""
+
+    seconds: float
+    x: Float[np.ndarray, "drifters"]
+    y: Float[np.ndarray, "drifters"]
+    cell: Int[np.ndarray, "drifters"]
+    stranded: Bool[np.ndarray, "drifters"]
+
+
+def follow_drifters(
+    water: Water,
+    flow: Flow,
+    points: Float[np.ndarray, "2 drifters"],
+    start: float,
+    times: Sequence[float],
+    *,
+    tick: float = _TICK,
+    afloat: float = math.inf,
+    stranded: float = math.inf,
+    seed: int = 0,
+    say: Callable[..., None] = lambda *_: None,
+) -> Iterator[Look]:
+    """Simulate drifters with the Runge-Kutta method, and look where they are, first at the release.
+
+    The arguments are those of [`release_drifters`][]. Looks are at most `tick` seconds apart.
+    """
+    random, longest = np.random.default_rng(seed), longest_step(water, flow)
+    x, y = points
+    key, at_coast = jax.random.key(seed), np.append(coast(water), False)
+    origin = water.at(*square(x, y))[0]
+    ashore, strands = np.zeros(x.size, bool), water.coast == "strand"
+    yield Look(0.0, x, y, origin, ashore)
+    for number, (since, until) in enumerate(itertools.pairwise([0.0, *times])):
+        say("following drifters", number, len(times))
+        ticks = np.linspace(since, until, max(1, math.ceil((until - since) / tick - 1e-9)) + 1)
+        for now, after in itertools.pairwise(ticks.tolist()):
+            key, drawn = jax.random.split(key)
+            to = drifted(water, flow, x, y, start + now, start + after, longest, drawn)
+            x, y = np.where(ashore, (x, y), to)
+            if strands:
+                ashore = ashore | water.at(*square(x, y))[1]
+            cell = water.landing(x[None], y[None], origin=origin, exits=True)[0]
+            if strands:
+                beached = water.landing(x[None, ashore], y[None, ashore], origin=origin[ashore])
+                cell[ashore] = beached[0]
+            sinks, floats = (
+                random.random(x.size) < -math.expm1(-math.log(2) * (after - now) / half)
+                for half in (afloat, stranded)
+            )
+            ashore = np.where(ashore, strands | ~floats, at_coast[cell] & sinks)
+            yield Look(after, x, y, cell, ashore)
+
+
 def release_drifters(
     water: Water,
     flow: Flow,
@@ -93,11 +149,9 @@ def release_drifters(
     targets: Bool[np.ndarray, "targets cells"],
     *,
     afloat: float = math.inf,
-    stranded: float = math.inf,
-    seed: int = 0,
-    say: Callable[..., None] = lambda *_: None,
+    **options: Any,
 ) -> Release:
-    """Simulate drifters with the Runge-Kutta method, and look each hour where they are.
+    """Simulate drifters, and keep where they are at some times and when they arrive.
 
     **Arguments:**
 
@@ -111,40 +165,48 @@ def release_drifters(
     - `seed`: the seed of diffusion and of beaching.
     - `say`: a function that is called with the progress.
     """
-    random, longest = np.random.default_rng(seed), longest_step(water, flow)
-    x, y = points
-    key, at_coast = jax.random.key(seed), np.append(coast(water), False)
-    origin = water.at(*square(x, y))[0]
-    cell, ashore = origin, np.zeros(x.size, bool)
-    strands, masks = water.coast == "strand", np.pad(targets, ((0, 0), (0, 1)))
-    reached = np.where(masks[:, cell], 0.0, np.inf)
-    shore, kept = np.where(at_coast[cell], cell, -1), []
-    edges = [0.0, *times]
-    for number, (since, until) in enumerate(itertools.pairwise(edges)):
-        say("following drifters", number, len(times))
-        ticks = np.linspace(since, until, max(1, math.ceil((until - since) / _TICK - 1e-9)) + 1)
-        for now, after in itertools.pairwise(ticks.tolist()):
-            key, drawn = jax.random.split(key)
-            to = drifted(water, flow, x, y, start + now, start + after, longest, drawn)
-            x, y = np.where(ashore, (x, y), to)
-            if strands:
-                ashore |= water.at(*square(x, y))[1]
-            cell = water.landing(x[None], y[None], origin=origin, exits=True)[0]
-            if strands:
-                beached = water.landing(x[None, ashore], y[None, ashore], origin=origin[ashore])
-                cell[ashore] = beached[0]
-            sinks, floats = (
-                random.random(x.size) < -math.expm1(-math.log(2) * (after - now) / half)
-                for half in (afloat, stranded)
-            )
-            ashore = np.where(ashore, strands | ~floats, at_coast[cell] & sinks)
-            reached = np.minimum(reached, np.where(masks[:, cell], after, np.inf))
-            shore = np.where((shore < 0) & at_coast[cell], cell, shore)
-        kept.append((x, y, cell, ashore))
-    if strands or np.isfinite(afloat):
-        shore = np.where(ashore, cell, -1)
-    columns, rows, cells, beached = map(np.stack, zip(*kept, strict=True))
-    return Release(columns, rows, cells, beached, reached, shore)
+    looks = follow_drifters(water, flow, points, start, times, afloat=afloat, **options)
+    look, at_coast = next(looks), np.append(coast(water), False)
+    masks = np.pad(targets, ((0, 0), (0, 1)))
+    reached = np.where(masks[:, look.cell], 0.0, np.inf)
+    shore, kept = np.where(at_coast[look.cell], look.cell, -1), []
+    for look in looks:
+        reached = np.minimum(reached, np.where(masks[:, look.cell], look.seconds, np.inf))
+        shore = np.where((shore < 0) & at_coast[look.cell], look.cell, shore)
+        if look.seconds in times:
+            kept.append(look)
+    if water.coast == "strand" or np.isfinite(afloat):
+        shore = np.where(look.stranded, look.cell, -1)
+    _, x, y, cell, ashore = map(np.stack, zip(*kept, strict=True))
+    return Release(x, y, cell, ashore, reached, shore)
+
+
+def visit_cells(
+    water: Water,
+    flow: Flow,
+    points: Float[np.ndarray, "2 drifters"],
+    start: float,
+    seconds: float,
+    **options: Any,
+) -> tuple[scipy.sparse.csr_array, Look]:
+    """Find the cells that each drifter visits until some seconds after the release.
+
+    The arguments are those of [`release_drifters`][]. Between two looks a drifter moves by at most
+    half a cell. **Returns:** a matrix of 1 for the cells (columns) that a drifter (row) visits; and
+    where drifters are at the end.
+    """
+    tick = min(_TICK, 0.5 / max(float(np.abs(flow.rate).max()), 0.5 / _TICK))
+    days = np.append(np.arange(DAY, seconds, DAY), seconds).tolist()
+    looks = follow_drifters(water, flow, points, start, days, tick=tick, **options)
+    last = next(looks)
+    shape = last.cell.size, water.cells
+    seen = [np.arange(last.cell.size) * water.cells + last.cell]
+    for look in looks:
+        new = np.flatnonzero((look.cell != last.cell) & (look.cell >= 0))
+        seen.append(new * water.cells + look.cell[new])
+        last = look
+    drifter, cell = np.divmod(np.unique(np.concatenate(seen)), water.cells)
+    return scipy.sparse.csr_array((np.ones(cell.size), (drifter, cell)), shape=shape), last
 
 
 def push_release(

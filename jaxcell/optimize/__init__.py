@@ -33,7 +33,8 @@ stationary distribution.
 **Cover** (Eq. 4.8, 4.9, Alg. 4.3). A set cover: sets whose union contains every element. Each step
 of `greedy_cover` takes the set that adds most elements; the cover has at most `1 + 1/2 + ... + 1/d`
 times the least number of sets, with `d` the size of the largest set. `minimum_cover` finds the
-fewest sets with a mixed-integer program, in time that can grow exponentially.
+fewest sets with a mixed-integer program, in time that can grow exponentially. `largest_cover`
+chooses a given number of sets, which contain elements with some probability, and has a bound.
 
 **Stackelberg** (Eq. 4.6, 4.7, Alg. 4.2). A leader commits to a mixture `x` of strategies. A
 follower that knows `x` chooses the target `j` with its largest payoff, and among equal targets the

@@ -2,8 +2,10 @@ from .commute import MinimumCommute as MinimumCommute, minimum_commute as minimu
 from .constraints import Linear as Linear
 from .cover import (
     Cover as Cover,
+    LargestCover as LargestCover,
     MinimumCover as MinimumCover,
     greedy_cover as greedy_cover,
+    largest_cover as largest_cover,
     minimum_cover as minimum_cover,
 )
 from .game import Commitment as Commitment, stackelberg as stackelberg

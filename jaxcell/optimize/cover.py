@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import scipy.optimize
 import scipy.sparse
-from jaxtyping import Bool, Int, UInt64
+from jaxtyping import Bool, Float, Int, UInt64
 
 from ..base.certificate import Certificate
 from ..base.process import no_output
@@ -12,6 +12,8 @@ from ..base.shown import Shown
 
 # Tolerance of the bound on the number of sets, which HiGHS computes to about 1e-6.
 _ROUNDING = 1e-4
+# Steps of the subgradient method, and the number after which they are half as long.
+_DUAL_STEPS, _SLOWER = 600, 200
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -37,6 +39,18 @@ class MinimumCover(Shown):
     bound: int
     "A lower bound on the number of sets."
     certificate: Certificate
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LargestCover(Shown):
+    """A few sets whose union is expected to contain many elements."""
+
+    chosen: Int[np.ndarray, "steps"]
+    "The sets, in the order in which they were chosen."
+    gained: Float[np.ndarray, "steps"]
+    "The expected number of elements that each chosen set adds."
+    bound: float
+    "An upper bound on the expected number of elements in the union of any sets of this number."
 
 
 def greedy_cover(sets: Bool[np.ndarray, "sets elements"], choice: int = 0) -> Cover:
@@ -82,6 +96,72 @@ def greedy_cover(sets: Bool[np.ndarray, "sets elements"], choice: int = 0) -> Co
         np.array(gained, np.int32),
         np.flatnonzero(~sets.any(axis=0)).astype(np.int32),
     )
+
+
+def largest_cover(
+    shares: scipy.sparse.csr_array, count: int, allowed: Bool[np.ndarray, "sets"]
+) -> LargestCover:
+    """Choose a number of sets, one by one, each of which is expected to add the most elements.
+
+    It runs on the host. The union is expected to contain at least the share `1 - 1/e` of the most
+    elements that any `count` sets contain (Nemhauser, Wolsey and Fisher 1978). The bound is from
+    the Lagrangian dual of the linear program.
+
+    **Arguments:**
+
+    - `shares`: the probability that a set (row) contains an element (column), independently.
+    - `count`: the number of sets. There are fewer if no other set adds an element.
+    - `allowed`: the sets that may be chosen.
+
+    **Returns:** [`LargestCover`][].
+
+    Two of three sets:
+
+        >>> import numpy as np
+        >>> import scipy.sparse
+        >>> from jaxcell import optimize
+        >>> sets = scipy.sparse.csr_array([[1.0, 1, 0], [0, 1, 1], [0, 0, 0.5]])
+        >>> cover = optimize.largest_cover(sets, 2, np.ones(3, bool))
+        >>> cover.chosen.tolist(), cover.gained.tolist(), cover.bound
+        ([0, 1], [2.0, 1.0], 3.0)
+    """
+    if count < 1:
+        raise ValueError(f"count: expected 1 or more, got {count}")
+    missing, chosen, gained = np.ones(shares.shape[1]), [], []
+    for _ in range(count):
+        gain = np.where(allowed, shares @ missing, 0.0)
+        best = int(np.argmax(gain))
+        if gain[best] <= 0:
+            break
+        chosen.append(best)
+        gained.append(float(gain[best]))
+        row = slice(*shares.indptr[best : best + 2])
+        missing[shares.indices[row]] *= 1 - shares.data[row]
+    bound = _bound(shares[allowed], count, missing, sum(gained, 0.0))
+    return LargestCover(np.array(chosen, np.int32), np.array(gained), bound)
+
+
+def _bound(
+    shares: scipy.sparse.csr_array, count: int, weight: Float[np.ndarray, "elements"], least: float
+) -> float:
+    """Bound the elements of any `count` sets, by the subgradient method for the Lagrangian dual.
+
+    A union contains an element with at most the probability `min(1, z)`, with `z` the sum of the
+    shares of its sets, and `min(1, z) <= 1 - w + w z` for any weight `w` from 0 to 1. The steps are
+    those of Polyak (1969) towards `least`, which some sets reach.
+    """
+    bound, count = np.inf, min(count, shares.shape[0])
+    if not count:
+        return least
+    for step in range(_DUAL_STEPS):
+        gain = shares @ weight
+        top = np.argpartition(-gain, count - 1)[:count]
+        value = float((1 - weight).sum() + gain[top].sum())
+        bound = min(bound, value)
+        slope = shares[top].sum(axis=0) - 1
+        size = (value - least) / max(1.0, float(slope @ slope)) / (1 + step / _SLOWER)
+        weight = np.clip(weight - size * slope, 0, 1)
+    return max(bound, least)
 
 
 def minimum_cover(

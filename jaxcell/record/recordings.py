@@ -16,6 +16,7 @@ _FAMILIES = {
     "Continuation": "dynamics.basins:log_continuation",
     "CostSummary": "bounce.navigation:log_navigation",
     "CoveragePolicy": "bounce.coverage:log_coverage",
+    "Dropped": "drift.dropped:log_dropped",
     "Escape": "dynamics.escape:log_escape",
     "GraphPatrol": "patrol.graph:log_patrol_graph",
     "Guarded": "patrol.rounds:log_rounds",

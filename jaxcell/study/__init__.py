@@ -35,6 +35,7 @@ from .bounce.localize import Localize as Localize, LocalizeSlip as LocalizeSlip
 from .bounce.navigate import Navigate as Navigate, NavigateSlip as NavigateSlip, Plans as Plans
 from .bounce.rooms import Rooms as Rooms
 from .bounce.team import Team as Team
+from .drift.deploy import Deploy as Deploy
 from .drift.drift import Drift as Drift
 from .drift.observed_drifters import Drifters as Drifters
 from .drift.release import Release as Release
@@ -63,6 +64,7 @@ from .study import Study as Study, silent as silent
 
 STUDIES: tuple[type[Study], ...] = (
     Cover,
+    Deploy,
     Drift,
     Drifters,
     Dynamics,

@@ -3,6 +3,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+import scipy.sparse
 from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -96,3 +97,37 @@ def test_masks_may_be_lists_but_not_lists_of_elements(cover):
         cover([[0, 1], [1, 2]])
     with pytest.raises(ValueError, match="sets: expected an array, got lists of different lengths"):
         cover([[0, 1], [2]])
+
+
+@given(families(6, 8), st.integers(1, 3))
+def test_the_bound_is_not_below_the_best_cover_of_a_size(sets, count):
+    cover = optimize.largest_cover(
+        scipy.sparse.csr_array(sets * 1.0), count, np.ones(len(sets), bool)
+    )
+    size = min(count, len(sets))
+    best = max(
+        sets[list(some)].any(axis=0).sum()
+        for some in itertools.combinations(range(len(sets)), size)
+    )
+    assert best <= cover.bound + 1e-9
+    assert cover.gained.sum() >= (1 - np.exp(-1)) * best - 1e-9
+    assert sets[cover.chosen].any(axis=0).sum() == cover.gained.sum()
+    greedy = greedy_cover(sets)
+    assert cover.chosen.tolist() == greedy.chosen[:count].tolist()
+
+
+def test_sets_with_probabilities_are_expected_to_contain_elements():
+    random = np.random.default_rng(0)
+    shares = random.random((9, 30)) * (random.random((9, 30)) < 0.4)
+    allowed = np.arange(9) != 4
+
+    def expected(some):
+        return (1 - np.prod(1 - shares[list(some)], axis=0)).sum()
+
+    cover = optimize.largest_cover(scipy.sparse.csr_array(shares), 3, allowed)
+    best = max(map(expected, itertools.combinations(np.flatnonzero(allowed).tolist(), 3)))
+    assert expected(cover.chosen) == pytest.approx(cover.gained.sum())
+    assert (1 - np.exp(-1)) * best <= cover.gained.sum() <= best <= cover.bound
+    assert 4 not in cover.chosen
+    with pytest.raises(ValueError, match="count: expected 1 or more, got 0"):
+        optimize.largest_cover(scipy.sparse.csr_array(shares), 0, allowed)

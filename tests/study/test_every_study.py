@@ -42,6 +42,7 @@ GAMES = Path(__file__).parent / "games"
 SEA = "@gyres --bounds -118.1 33.44 -118 33.54 --duration 3400"
 CASES = {
     "cover": "@lab_a --directions 8 --bounce 45 135 --errors turn=45 --reliability 0.8",
+    "deploy": "@gyres --depth 0 --drop 2 --until 0.1 --avoid land",
     "drift": f"{SEA} --time 3 --depths 0 5 --start=-118.01,33.5 --goal=-118.09,33.46,5 --range 6e3",
     "drift by the source": f"{SEA} --depths 0 --method source --nearly-closed 2",
     "drift at beaches": f"{SEA} --depths 0 --time 3 --beaching 7200 --after 36000",

@@ -125,6 +125,22 @@ def _in_nanoseconds(dates: Any) -> Any:
     return dates.astype("datetime64[ns]")[()]
 
 
+def read_period(when: Any) -> tuple[str, str] | None:
+    """Return the begin and the end of a month `2020-03` or of a period `2020-03-01/2020-03-11`.
+
+    **Returns:** moments, or `None` for other texts and objects.
+    """
+    if not isinstance(when, str):
+        return None
+    if "/" in when:
+        begin, _, end = when.partition("/")
+        return begin, end
+    if not re.fullmatch(r"\d{4}-(0[1-9]|1[0-2])", when):
+        return None
+    year, month = map(int, when.split("-"))
+    return f"{when}-01", f"{year + month // 12:04d}-{month % 12 + 1:02d}-01"
+
+
 def choose_records(file: OceanFile, times: RecordTimes, when: When) -> Int[np.ndarray, " chosen"]:
     """Find the records that the argument `time` of [`jaxcell.drift.open_currents`][] selects.
 
@@ -135,6 +151,14 @@ def choose_records(file: OceanFile, times: RecordTimes, when: When) -> Int[np.nd
     records = np.arange(len(times.values))
     if when is None:
         return records
+    if (period := read_period(when)) and "/" not in str(when) and times.dated:
+        begin, end = (_moment(file, moment, times.start) for moment in period)
+        chosen = records[(times.values >= begin) & (times.values < end)]
+        if chosen.size == 0:
+            first, last = times.values[[0, -1]].astype("datetime64[D]")
+            raise file.error("time", f"{when}: the records are from {first} to {last}")
+        return chosen
+    when = period or when
     if isinstance(when, slice):
         if not (when.step is None or (_is_index(when.step) and when.step > 0)):
             raise file.error("time", f"expected a step of 1 or more, got {when}")

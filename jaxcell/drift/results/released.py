@@ -16,7 +16,7 @@ from ..positions import in_degrees
 from ..released_drifters import Release, push_release, release_drifters
 from ..validation.simulated_drifters import total_variation
 from ..water import Water, square
-from .sentences import name_place
+from .sentences import name_day, name_place
 
 
 _DRY = "NaN: no water"
@@ -247,7 +247,7 @@ class Released(Result):
 
     @property
     def _where(self) -> str:
-        released = "" if self.on is None else f" on {_day(self.on)}"
+        released = "" if self.on is None else f" on {name_day(self.on)}"
         then = "" if self.date is None else f" ({self.date[-1].replace('T', ' ')})"
         begin = f"Released{released} {self.around}: after {in_time(self.hours[-1])}{then}"
         gone = f"{percent(self.left[-1])} have left the map"
@@ -371,10 +371,6 @@ def _kilometres(
     """Compute great-circle distances from a place."""
     chord = np.linalg.norm(points - on_sphere(*np.array([lon, lat])[:, None]), axis=0)
     return 2 * EARTH_RADIUS / 1000 * np.arcsin(np.minimum(chord / 2, 1))
-
-
-def _day(on: np.datetime64) -> str:
-    return str(np.datetime_as_string(on, unit="m")).replace("T", " ")
 
 
 def _length(kilometres: float) -> str:

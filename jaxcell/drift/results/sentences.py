@@ -206,6 +206,11 @@ def name_place(lon: float, lat: float) -> str:
     return f"{abs(lat):.2f}° {north} {abs(lon):.2f}° {east}"
 
 
+def name_day(moment: np.datetime64) -> str:
+    """Format a time to the minute."""
+    return str(np.datetime_as_string(moment, unit="m")).replace("T", " ")
+
+
 def remarks_on(drift: Any) -> tuple[str, ...]:
     """Describe the doubts about a result, those that change the answer most first."""
     of_layers = [remark for layer in drift.layers for remark in layer.remarks]

@@ -7,10 +7,10 @@ import numpy as np
 import pandas as pd
 
 from ...base.paths import replacing
-from ...drift import SeaDrift
+from ...drift import Dropped, SeaDrift
 
 
-def save_deployment(drift: SeaDrift, path: str | os.PathLike[str]) -> None:
+def save_deployment(drift: Dropped | SeaDrift, path: str | os.PathLike[str]) -> None:
     """Write the cells in which to drop drifters, one per line, as CSV or as GeoJSON (RFC 7946).
 
     The columns, or properties of the points, are
@@ -22,6 +22,9 @@ def save_deployment(drift: SeaDrift, path: str | os.PathLike[str]) -> None:
     - `group`, `transient_group`: the group of the cell; the first column is empty if this group is
         transient, and the second column if it is persistent;
     - `gained`: the number of cells of the group that no earlier drifter reaches.
+
+    Those of a `Dropped` are `number`, `lon`, `lat`, `cell`, and the quantities of its drops: what
+    each gains, the shares that are lost, and where to fetch the drifter.
 
     **Arguments:**
 
@@ -45,7 +48,8 @@ def save_deployment(drift: SeaDrift, path: str | os.PathLike[str]) -> None:
     if write is None:
         raise ValueError(f"{path}: expected a name that ends in .csv or .geojson")
     with replacing(path) as temporary:
-        temporary.write_text(write(_rows(drift)), encoding="utf-8", newline="")
+        rows = _drops(drift) if isinstance(drift, Dropped) else _rows(drift)
+        temporary.write_text(write(rows), encoding="utf-8", newline="")
 
 
 def _csv(rows: pd.DataFrame) -> str:
@@ -59,6 +63,22 @@ def _geojson(rows: pd.DataFrame) -> str:
         features.append({"type": "Feature", "geometry": point, "properties": row})
     collection: dict[str, Any] = {"type": "FeatureCollection", "features": features}
     return json.dumps(collection, indent=1) + "\n"
+
+
+def _drops(found: Dropped) -> pd.DataFrame:
+    columns = {
+        "number": np.arange(found.cell.size) + 1,
+        "lon": found.drop_lon.round(6) + 0.0,
+        "lat": found.drop_lat.round(6) + 0.0,
+        "cell": found.cell,
+        "gained": found.gained.round(3),
+        "stranded": found.stranded,
+        "left": found.left,
+        "end_lon": found.end_lon.round(6) + 0.0,
+        "end_lat": found.end_lat.round(6) + 0.0,
+        "end_spread_km": found.end_spread.round(3),
+    }
+    return pd.DataFrame(columns)
 
 
 def _rows(drift: SeaDrift) -> pd.DataFrame:

@@ -15,7 +15,7 @@ import rerun.blueprint as rrb
 from jaxtyping import Bool, Float, Int, Integer
 from scipy.ndimage import distance_transform_edt
 
-from ...drift import Flow, Released, SeaDrift
+from ...drift import Dropped, Flow, Released, SeaDrift
 from ...drift.results.layered_result import LayeredResult
 from ..canvas.map import log_pictures
 from ..canvas.marks import log_arrows, log_labels
@@ -49,9 +49,9 @@ class Clock:
     enough to show all times of the currents.
     """
 
-    def __init__(self, drift: LayeredResult | Released) -> None:
+    def __init__(self, drift: LayeredResult | Released | Dropped) -> None:
         total, start = _MIN_STEPS * drift.step, None
-        if isinstance(drift, Released):
+        if isinstance(drift, Released | Dropped):
             total, start = 3600 * float(drift.hours[-1]), drift.on
         if isinstance(drift, SeaDrift):
             total = max(3600 * drift.covered_hours, total)
@@ -82,10 +82,14 @@ class SeaMap:
     dry: ClassVar[str] = "land"
     "The text in legends for the squares that are not cells."
     drift: Any
-    "The result of the map: a `LayeredResult` or a `Released`."
+    "The result of the map: a `LayeredResult`, a `Released` or a `Dropped`."
 
     def __init__(
-        self, stream: rr.RecordingStream, drift: LayeredResult | Released, clock: Clock, number: int
+        self,
+        stream: rr.RecordingStream,
+        drift: LayeredResult | Released | Dropped,
+        clock: Clock,
+        number: int,
     ) -> None:
         self.stream, self.drift, self.clock, self.number = stream, drift, clock, number
         self.water = drift.waters[number]
@@ -222,7 +226,9 @@ def shortened(
     return vectors * np.minimum(1, most / np.maximum(length, 1e-12))
 
 
-def log_maps(stream: rr.RecordingStream, drift: LayeredResult | Released, kind: type[M]) -> list[M]:
+def log_maps(
+    stream: rr.RecordingStream, drift: LayeredResult | Released | Dropped, kind: type[M]
+) -> list[M]:
     """Create a map of the class `kind` for each layer, and log its water and its frame."""
     clock = Clock(drift)
     count = min(len(drift.waters), _MAX_MAPS)

@@ -1,23 +1,19 @@
 import dataclasses
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import Annotated, ClassVar
 
 import tyro
 
 from ... import drift, record
 from ...base import memory
+from ...base.optional_modules import has_module
 from ...base.paths import existing
-from ..parameters import Days, Duration, Headings, Length, Limit, Metres, Only
+from ..parameters import Days, Duration, Headings, Length, Limit, Only
 from ..study import Say, about, numbers, silent
-from .sea_study import CurrentStudy, Source
+from .sea_study import DAY, Source, WindowStudy
 
 
-if TYPE_CHECKING:
-    import numpy as np
-    import xarray as xr
-
-_SECONDS = 86_400.0
 # The number of times of an answer for less than two days.
 _TIMES = 8
 # Bytes per drifter and time: its place, its cell, and whether it is stranded, twice.
@@ -25,7 +21,7 @@ _BYTES = 42
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Release(CurrentStudy):
+class Release(WindowStudy):
     """Find where drifters from one place are after some days, and which coast they reach when."""
 
     name: ClassVar[str] = "release"
@@ -51,18 +47,11 @@ class Release(CurrentStudy):
     radius: Length | None = None
     """Radius in metres of the disc around `start` in which drifters are released. By default it is
     a square of the size of a cell."""
-    on: str | None = None
-    """Time of the release, such as 2020-03-01 or 2020-03-01T06:00 (UTC); by default that of the
-    first record."""
-    until: Annotated[Days, Limit(gt=0)]
-    """Time in days from the release to the end of the answer."""
     at: tuple[Annotated[Days, Limit(gt=0)], ...] = ()
     """Times in days after the release at which to answer, at most `until`; by default each whole
     day, or eight times if `until` is less than two days."""
     regions: Path | None = None
     """GeoJSON file of polygons at which drifters may arrive, beside the coast."""
-    depth: Metres | None = None
-    """Depth of the drifters in metres; by default the layer nearest to the surface."""
     precision: Annotated[float, Limit(ge=0.0005, le=0.2)] = 0.01
     """Half width of the 95 % interval of a probability, which determines the number of drifters."""
     beaching: Annotated[Duration | None, Only(coast=("hold", "slip"))] = None
@@ -75,8 +64,8 @@ class Release(CurrentStudy):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if any(time > self.until for time in self.at):
-            raise ValueError(f"at: expected times up to {self.until:g} days, got {max(self.at):g}")
+        if any(time > self.days for time in self.at):
+            raise ValueError(f"at: expected times up to {self.days:g} days, got {max(self.at):g}")
 
     def check_files(self) -> None:
         super().check_files()
@@ -87,10 +76,10 @@ class Release(CurrentStudy):
     def times(self) -> list[float]:
         """The times of the answer, in seconds after the release."""
         if self.at:
-            return [_SECONDS * time for time in sorted({*self.at, self.until})]
-        if self.until < 2:
-            return [_SECONDS * self.until * (k + 1) / _TIMES for k in range(_TIMES)]
-        return [_SECONDS * day for day in (*range(1, math.ceil(self.until)), self.until)]
+            return [DAY * time for time in sorted({*self.at, self.days})]
+        if self.days < 2:
+            return [DAY * self.days * (k + 1) / _TIMES for k in range(_TIMES)]
+        return [DAY * day for day in (*range(1, math.ceil(self.days)), self.days)]
 
     def run(self, say: Say = silent) -> "drift.Released":
         import numpy as np
@@ -98,7 +87,7 @@ class Release(CurrentStudy):
         from ...drift.intervals import drifters_for
         from ...drift.released_drifters import points_around, points_in
 
-        on, currents = self._window()
+        on, since, currents = self.window()
         water = drift.Water.of(currents, 0, self.coast)
         flow = drift.Flow.of(currents, 0, diffusivity=self.diffusivity, coast=self.coast)
         count, random = drifters_for(self.precision), np.random.default_rng(self.seed)
@@ -114,9 +103,6 @@ class Release(CurrentStudy):
                 points = points_around(random, water, place, count, self.radius)
             around = self._around(water, place)
         regions = None if self.regions is None else drift.read_regions(self.regions, water)
-        since = float((on - currents.time.values[0]) / np.timedelta64(1, "s"))
-        steady = currents.sizes["time"] == 1
-        note = "There is one record: the current of the answer is steady."
         return drift.Released.of(
             water, flow, points, self.times,
             start=since,
@@ -129,11 +115,13 @@ class Release(CurrentStudy):
             around=around,
             source=str(currents.attrs["source"]),
             coastline=str(currents.attrs.get("coastline", "")),
-            notices=(note,) if steady else (),
+            notices=self.notices(currents),
         )  # fmt: skip
 
     def write(self, result: "drift.Released", out: Path) -> None:
         record.save_release(result, out / "release.geojson")
+        if has_module("matplotlib"):
+            record.save_sea(result, out / "release.png")
 
     @property
     def _place(self) -> tuple[float, float] | None:
@@ -151,33 +139,3 @@ class Release(CurrentStudy):
             return f"within {self.radius / 1000:.3g} km of {name_place(*place)}"
         dx, dy = (water.sides[:, water.cell(*place)] / 1000).tolist()
         return f"in the {dx:.3g} x {dy:.3g} km around {name_place(*place)}"
-
-    def _window(self) -> "tuple[np.datetime64, xr.Dataset]":
-        """Return the time of the release, and the currents from the record before it to the end."""
-        import numpy as np
-
-        from ...currents.ocean import read_moments
-
-        moments = read_moments(self.file, grid=self.grid, variables=self.variables)
-        try:
-            on = moments[0] if self.on is None else np.datetime64(self.on.removesuffix("Z"), "ns")
-        except ValueError:
-            raise ValueError(f"on: expected a date such as 2020-03-01, got {self.on}") from None
-        end = on + np.timedelta64(round(self.until * _SECONDS * 1e9), "ns")
-        if moments.size > 1:
-            first, last = moments[[0, -1]].astype("datetime64[m]")
-            if not moments[0] <= on < moments[-1]:
-                raise ValueError(f"on: expected a time of the records, {first} to {last}, got {on}")
-            if end > moments[-1]:
-                left = (moments[-1] - on) / np.timedelta64(1, "D")
-                raise ValueError(
-                    f"until: the records end on {last}, {left:.4g} days after the release; "
-                    f"expected at most that, got {self.until:g}"
-                )
-        window = (
-            max(0, int(np.searchsorted(moments, on, "right")) - 1),
-            int(np.searchsorted(moments, end).clip(0, moments.size - 1)),
-        )
-        depths = None if self.depth is None else (self.depth,)
-        time = window if moments.size > 1 else None
-        return on, self.read(time=time, depths=depths, mean=False)

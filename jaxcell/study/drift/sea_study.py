@@ -8,17 +8,21 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 import tyro
 
 from ... import drift
-from ..parameters import Limit, Share, Unit
+from ..parameters import Days, Limit, Metres, Share, Unit
 from ..study import Study
 
 
 if TYPE_CHECKING:
+    import numpy as np
     import xarray
 
     Files: TypeAlias = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
     Source: TypeAlias = Files | xarray.Dataset
 else:
     Files = Source = tuple[Path, ...]
+
+DAY = 86_400.0
+"""Seconds in a day."""
 
 _Degrees: TypeAlias = Annotated[float, Unit("", "deg")]
 Bounds: TypeAlias = tuple[_Degrees, _Degrees, _Degrees, _Degrees]
@@ -84,6 +88,88 @@ class CurrentStudy(SeaStudy):
         # A dataset of the program cannot be a key of the cache.
         read: Any = _currents if isinstance(self.file, tuple) else _currents.__wrapped__
         return read(self.file, tuple(options.items()))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class WindowStudy(CurrentStudy):
+    """Base class of studies of drifters from a time on, in the current as it changes."""
+
+    on: str | None = None
+    """Time at which drifters are dropped, such as 2020-03-01 or 2020-03-01T06:00 (UTC); by default
+    that of the first record. A month (2020-03) or a period (2020-03-01/2020-03-11) also ends the
+    answer, in place of `until`."""
+    until: Annotated[Days | None, Limit(gt=0)] = None
+    """Time in days from the drop to the end of the answer."""
+    depth: Metres | None = None
+    """Depth of the drifters in metres; by default the layer nearest to the surface."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.until is None) == (self._period is None):
+            got = "nothing" if self.until is None else f"{self.until:g} and `on` {self.on}"
+            raise ValueError(f"until: expected days, or a month or a period as `on`, got {got}")
+        if self.days <= 0:
+            raise ValueError(f"on: expected a period that ends after it begins, got {self.on}")
+
+    @property
+    def days(self) -> float:
+        """The days from the drop to the end of the answer."""
+        import numpy as np
+
+        if self._period is None:
+            return float(self.until or 0)
+        begin, end = map(self._moment, self._period)
+        return float((end - begin) / np.timedelta64(1, "D"))
+
+    def window(self) -> "tuple[np.datetime64, float, xarray.Dataset]":
+        """Read the currents from the record before the drop to the end of the answer.
+
+        Returns the time of the drop, also in seconds after the first of the records, and these.
+        """
+        import numpy as np
+
+        from ...currents.ocean import read_moments
+
+        moments = read_moments(self.file, grid=self.grid, variables=self.variables)
+        begin = self.on if self._period is None else self._period[0]
+        on = moments[0] if begin is None else self._moment(begin)
+        end = on + np.timedelta64(round(self.days * DAY * 1e9), "ns")
+        if moments.size > 1:
+            first, last = moments[[0, -1]].astype("datetime64[m]")
+            if not moments[0] <= on < moments[-1]:
+                raise ValueError(f"on: expected a time of the records, {first} to {last}, got {on}")
+            if end > moments[-1]:
+                left = (moments[-1] - on) / np.timedelta64(1, "D")
+                raise ValueError(
+                    f"until: the records end on {last}, {left:.4g} days after the release; "
+                    f"expected at most that, got {self.days:g}"
+                )
+        records = (
+            max(0, int(np.searchsorted(moments, on, "right")) - 1),
+            int(np.searchsorted(moments, end).clip(0, moments.size - 1)),
+        )
+        depths = None if self.depth is None else (self.depth,)
+        currents = self.read(time=records if moments.size > 1 else None, depths=depths, mean=False)
+        return on, float((on - currents.time.values[0]) / np.timedelta64(1, "s")), currents
+
+    def notices(self, currents: "xarray.Dataset") -> tuple[str, ...]:
+        """Say that the current is steady, if there is one record."""
+        note = "There is one record: the current of the answer is steady."
+        return (note,) if currents.sizes["time"] == 1 else ()
+
+    @property
+    def _period(self) -> tuple[str, str] | None:
+        from ...currents.axes.times import read_period
+
+        return read_period(self.on)
+
+    def _moment(self, text: str) -> "np.datetime64":
+        import numpy as np
+
+        try:
+            return np.datetime64(text.removesuffix("Z"), "ns")
+        except ValueError:
+            raise ValueError(f"on: expected a date such as 2020-03-01, got {text}") from None
 
 
 # Cached, because all members of a sweep read the same currents.
