@@ -1,6 +1,6 @@
 """Batches of members of a sweep: one program of JAX computes the numbers of many studies."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..base.quantities import Quantity, Result, quantities, quantity
@@ -125,3 +125,19 @@ def numbers_of(
     for i in np.flatnonzero(~sure).tolist():
         fill(i, of_one(i))
     return {name: (described[name], column) for name, column in numbers.items()}
+
+
+def stacked(found: Sequence[Numbers], which: "np.ndarray") -> Numbers:
+    """Give each member the numbers of one of several results; NaN where that has none.
+
+    **Arguments:** the numbers of each result, and the index of the result of each member.
+    """
+    import numpy as np
+
+    described = {name: about for one in found for name, (about, _) in one.items()}
+    missing = {name: (about, np.asarray(np.nan)) for name, about in described.items()}
+    whole = [missing | dict(one) for one in found]
+    return {
+        name: (about, np.stack([one[name][1] for one in whole])[which])
+        for name, about in described.items()
+    }

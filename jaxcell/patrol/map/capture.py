@@ -62,6 +62,12 @@ class Capture(Result):
         caught, at_first, at_worst = _captures(graph, visible, policies, attacks)
         return cls(attack, caught, at_first, at_worst, contested(visible, policies, regions))
 
+    def at(self, row: int) -> "Capture":
+        """Return the probabilities for one of the attack times."""
+        attack = Attack(self.attack.times[[row]], self.attack.start)
+        each = self.probability, self.at_first, self.at_worst
+        return Capture(attack, *(one[[row]] for one in each), self.contested)
+
     attack_time = from_part(
         "attack.times", "attack_time", "steps of an attack", "steps", kind="coordinate"
     )

@@ -1,5 +1,6 @@
 from .arrival import (
     blind_capture as blind_capture,
+    captures_over_time as captures_over_time,
     walk_capture_probabilities as walk_capture_probabilities,
 )
 from .game import StrategyGame as StrategyGame, strategy_game as strategy_game

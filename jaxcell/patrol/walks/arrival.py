@@ -69,9 +69,9 @@ def watched_capture(
 
     The worst start is among the states that occur in the long run, where `shares` are positive.
     """
-    given = attack_time, travel_times
-    each = np.stack([walk_capture_probabilities(graph, walk, *given) for walk in walks])
-    return captured_by_any(np.where(shares[..., None] > 0, each, 1.0))
+    attack = check_whole("attack_time", attack_time, graph.vertices, "vertex")
+    watched, _ = captures_over_time(graph, walks, shares, int(attack.max()), travel_times)
+    return np.asarray(watched[attack, np.arange(attack.size)])
 
 
 def blind_capture(
@@ -95,15 +95,43 @@ def blind_capture(
         [0.25, 0.5, 0.25]
     """
     require_x64("blind_capture")
-    missed = jnp.ones(graph.vertices)
-    for walk, share in zip(walks, long_run(walks), strict=True):
-        given, delays, attack = _checked(graph, walk, attack_time, travel_times)
-        arguments = on_device(delays, attack)
-        early = attack[None].astype(float) - _time_to_spare(given, *arguments)
-        # Per unit of time: the mean number of departures from each state.
-        often = share / (share @ (given * delays.astype(float)).sum(axis=1))
-        missed *= 1 - (often[:, None] * arguments[0] * early).sum(axis=0)
-    return host_array(1 - missed)
+    attack = check_whole("attack_time", attack_time, graph.vertices, "vertex")
+    given = long_run(walks), int(attack.max()), travel_times
+    return captures_over_time(graph, walks, *given)[1][attack, np.arange(attack.size)]
+
+
+def captures_over_time(
+    graph: GraphLike,
+    walks: Any,
+    shares: Float[Numbers, "robots states"],
+    longest: int,
+    travel_times: Any = None,
+) -> tuple[Float[Numbers, "times targets"], Float[Numbers, "times targets"]]:
+    """Compute the least and the blind probability of capture for attacks of all durations at once.
+
+    **Arguments:** as in [`blind_capture`][]; the shares of time of each robot in the long run, see
+    [`jaxcell.patrol.team.long_run`][]; and the longest duration of an attack. **Returns:** the
+    probability that any robot arrives in time if each starts at the worst of the states where its
+    share is positive, and if the attack begins at a random time; row `t` is for attacks that take a
+    time of `t`. A row does not depend on `longest`.
+
+    A random walk round a triangle:
+
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([[0, 1], [1, 2], [2, 0]])
+        >>> walk = [[0, 0.5, 0.5], [0.5, 0, 0.5], [0.5, 0.5, 0]]
+        >>> share = patrol.team.long_run([walk])
+        >>> watched, blind = patrol.walks.captures_over_time(graph, [walk], share, 3)
+        >>> watched[:, 0].round(6).tolist(), blind[:, 0].round(6).tolist()
+        ([0.0, 0.0, 0.5, 0.75], [0.0, 0.333333, 0.666667, 0.833333])
+    """
+    missed = [np.ones((longest + 1, graph.vertices))] * 2
+    for walk, share in zip(walks, shares, strict=True):
+        given, delays, attack = _checked(graph, walk, longest, travel_times)
+        found = _over_time(given, share, *on_device(delays, attack))
+        missed = [all_ * (1 - one) for all_, one in zip(missed, found, strict=True)]
+    watched, blind = (host_array(1 - each) for each in missed)
+    return watched, blind
 
 
 def _checked(
@@ -148,55 +176,66 @@ def first_passage(
     t_il)(l, j))`, with `t` the `delays`; state `l` is at target `j` if `seen[l, j]` is 1. JAX
     compiles for the lengths of `longest` and `horizon`, the largest delay and attack time.
     """
-    in_time = _left(attack, horizon) >= 0
-    return _arrivals(P, seen, delays, longest, in_time.astype(P.dtype))
+    times = jnp.arange(1, horizon.size + 1, dtype=attack.dtype)
+    in_time = (attack[None, :] >= times[:, None]).astype(P.dtype)
+    step, later = _first_visits(P, seen, delays, longest)
+
+    def count(state, in_time):  # type: ignore[no-untyped-def]
+        later, total = state
+        first, later = step(later)
+        return (later, total + in_time[None, :] * first), None
+
+    start = start_loop((later, jnp.zeros(seen.shape, P.dtype)), P, seen, in_time)
+    return jax.lax.scan(count, start, in_time)[0][1]
 
 
 @jax.jit
-def _time_to_spare(
+def _over_time(
     P: Float[Array, "states states"],
+    share: Float[Array, "states"],
     seen: Float[Array, "states targets"],
     delays: Int[Array, "states states"],
     attack: Int[Array, "targets"],
     longest: Float[Array, "delays"],
     horizon: Float[Array, "times"],
-) -> Float[Array, "states targets"]:
-    """Compute the mean time from the first visit to the end of an attack; 0 without a visit."""
-    spare = jnp.maximum(_left(attack, horizon), 0)
-    return _arrivals(P, seen, delays, longest, spare.astype(P.dtype))
+) -> tuple[Float[Array, "durations targets"], Float[Array, "durations targets"]]:
+    """Compute the least and the blind probability of capture after times of 0, 1, 2, ..."""
+    step, later = _first_visits(P, seen, delays, longest)
+    # Per unit of time: the mean number of departures from each state.
+    often = share / (share @ (P * delays.astype(P.dtype)).sum(axis=1))
+
+    def extend(state, _):  # type: ignore[no-untyped-def]
+        later, arrived, early = state
+        first, later = step(later)
+        # The mean of the smaller of the time until a visit and the duration of an attack.
+        early = early + (1 - arrived)
+        arrived = arrived + first
+        watched = jnp.where(share[:, None] > 0, arrived, 1.0).min(axis=0)
+        return (later, arrived, early), (watched, (often[:, None] * seen * early).sum(axis=0))
+
+    none = jnp.zeros(seen.shape, P.dtype)
+    start = start_loop((later, none, none), P, seen, share)
+    after = jax.lax.scan(extend, start, horizon)[1]
+    watched, blind = (jnp.concatenate([jnp.zeros_like(each[:1]), each]) for each in after)
+    return watched, blind
 
 
-def _left(
-    attack: Int[Array, "targets"], horizon: Float[Array, "times"]
-) -> Int[Array, "times targets"]:
-    """Compute the time left of each attack after times of 1, 2, ...; negative after its end."""
-    times = jnp.arange(1, horizon.size + 1, dtype=attack.dtype)
-    return attack[None, :] - times[:, None]
-
-
-def _arrivals(
+def _first_visits(
     P: Float[Array, "states states"],
     seen: Float[Array, "states targets"],
     delays: Int[Array, "states states"],
     longest: Float[Array, "delays"],
-    worth: Float[Array, "times targets"],
-) -> Float[Array, "states targets"]:
-    """Compute the mean of the `worth` of the time of the first visit, as in [`first_passage`][]."""
+) -> tuple[Any, Float[Array, "delays states targets"]]:
+    """Return a function that computes first visits at the next time, and its first argument."""
     each = jnp.arange(1, longest.size + 1, dtype=delays.dtype)
     moves = jnp.where(delays[None] == each[:, None, None], P[None], 0.0)
 
-    def step(state, worth):  # type: ignore[no-untyped-def]
-        later, total = state
+    def step(later: Float[Array, "delays states targets"]) -> tuple[Array, Array]:
         first = jnp.einsum("dil,dlj->ij", moves, later)
-        return (
-            jnp.concatenate([((1 - seen) * first)[None], later[:-1]]),
-            total + worth[None, :] * first,
-        ), None
+        return first, jnp.concatenate([((1 - seen) * first)[None], later[:-1]])
 
     # With no time left, a robot that is at the target has arrived.
-    later = jnp.zeros((longest.size, *seen.shape), P.dtype).at[0].set(seen)
-    start = start_loop((later, jnp.zeros(seen.shape, P.dtype)), P, seen, worth)
-    return jax.lax.scan(step, start, worth)[0][1]
+    return step, jnp.zeros((longest.size, *seen.shape), P.dtype).at[0].set(seen)
 
 
 def states_at(states: int, vertices: int) -> Float[np.ndarray, "states vertices"]:

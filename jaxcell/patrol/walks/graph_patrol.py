@@ -26,8 +26,8 @@ from ..team.idleness import (
 )
 from ..team.news import News
 from ..team.rounds import Round
-from ..team.times import move_times, names_of
-from .arrival import blind_capture, watched_capture
+from ..team.times import check_whole, move_times, names_of
+from .arrival import captures_over_time
 from .game import StrategyGame
 from .measures import Measures, measure
 from .memory import MemoryPatrol
@@ -176,10 +176,11 @@ class GraphPatrol(Measures):
                 lambda: _first_arrivals(chains, shares),
             )
         if attack_time is not None:
-            times = attack_time, travel_times
-            distinct = walks if team is not None else walks[:1]
-            captured = watched_capture(graph, distinct, shares, *times)
-            blind_captured = blind_capture(graph, walks, *times)
+            attack = check_whole("attack_time", attack_time, graph.vertices, "vertex")
+            given = walks, shares, int(attack.max()), travel_times
+            captured, blind_captured = (
+                each[attack, range(attack.size)] for each in captures_over_time(graph, *given)
+            )
         return cls(
             **vars(measures) | {"left_out": measures.left_out + beside.left_out},
             graph=graph,

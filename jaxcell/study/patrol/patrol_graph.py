@@ -1,5 +1,5 @@
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
@@ -10,8 +10,9 @@ from ...base import memory
 from ...base.formatting import did_you_mean
 from ...base.limits import MAX_VERTICES
 from ...base.secondary import Secondary
+from ..batches import Numbers, stacked
 from ..parameters import AtLeastOne, Headings, Limit, Needed, Only, Share, Unit
-from ..study import Say, Study, silent
+from ..study import Say, Study, Wanted, every as all_of_them, scalars, silent
 
 
 if TYPE_CHECKING:
@@ -44,6 +45,7 @@ class PatrolGraph(Study):
     command: ClassVar[str] = "patrol graph"
     example: ClassVar[str] = "@random --robots 2"
     task: ClassVar[str] = "patrol"
+    varied: ClassVar[tuple[str, ...]] = ("attack_time",)
     headings: ClassVar[Headings] = {
         "How may a robot walk?": ("share", "constraints", "paths", "memory_states"),
         "What can an adversary do?": ("attack_times", "values", "time_unit"),
@@ -76,7 +78,7 @@ class PatrolGraph(Study):
     paths: Annotated[AtLeastOne, Only(strategy="toward"), Only(game=True)] = 1
     """Number of shortest paths from each vertex that determine the walk toward a vertex. With one
     path, as in Table 4.2 of Alam 2018, the walk takes the shortest path."""
-    attack_times: Annotated[Path | None, Only(strategy="capture", attack_time=False)] = None
+    attack_times: Annotated[Path | None, Only(attack_time=False)] = None
     """File with a line "vertex steps" for each vertex: the duration of an attack on it in steps, or
     in seconds with --speed."""
     memory_states: Annotated[AtLeastOne, Only(strategy="capture")] = 1
@@ -93,8 +95,13 @@ class PatrolGraph(Study):
     game: bool = False
     """Also find the best probabilities of choosing the commute walk or a walk toward a vertex,
     against an adversary who knows these probabilities."""
-    attack_time: Annotated[_Time | None, Needed(strategy="capture", attack_times=False)] = None
-    """Duration of an attack in steps, or in seconds with --speed."""
+    attack_time: Annotated[
+        _Time | None,
+        Needed(strategy="capture", attack_times=False),
+        Only(attack_times=False),
+    ] = None
+    """Duration of an attack in steps, or in seconds with --speed. Walks of other strategies than
+    capture do not depend on it."""
     robots: AtLeastOne = 1
     """Number of patrollers, which walk independently."""
     division: Annotated[
@@ -188,6 +195,38 @@ class PatrolGraph(Study):
             left_out=patrolled.left_out + beside.left_out,
         )
 
+    def numbers(self, columns: "Mapping[str, np.ndarray]", wanted: Wanted = all_of_them) -> Numbers:
+        if not columns:
+            return super().numbers(columns, wanted)
+        import numpy as np
+
+        each, which = np.unique(columns["attack_time"], return_inverse=True)
+        members = [dataclasses.replace(self, attack_time=time) for time in each.tolist()]
+        own_unit = self.speed is not None and self.time_unit is None
+        if self.strategy == "capture" or self.charger is not None or own_unit:
+            return stacked([scalars(one.run(), (), wanted) for one in members], which)
+        # The walk, and all that does not depend on attacks, is that of the longest.
+        result = members[-1].run()
+        shared = scalars(result, (), wanted)
+        walks, travel_times = (result.graph, result.matrices, result.shares), self.times(result.graph)
+        attacks = [int(one.attack(result.names)) for one in members]
+        watched, blind = patrol.walks.captures_over_time(*walks, attacks[-1], travel_times)
+        rounds = any(name.startswith("round_") for name in shared)
+        found = [
+            scalars(
+                dataclasses.replace(
+                    result,
+                    captured=watched[attack],
+                    blind_captured=blind[attack],
+                    round=one._round(result, Secondary()) if rounds else None,
+                ),
+                (),
+                lambda name: name in shared and name.startswith(("least_", "round_")),
+            )
+            for one, attack in zip(members, attacks, strict=True)
+        ]
+        return shared | stacked(found, which)
+
     def headline(self, spec: dict[str, Any]) -> str:
         return f"{spec['file']}: {self.strategy}"
 
@@ -279,13 +318,13 @@ class PatrolGraph(Study):
         """Raise if robots are too slow for the graph or, in a team, for their parts of it."""
         from ...patrol.walks import arrival
 
-        if not self.guards:
+        if self.strategy != "capture":
             return
         numbers = arrival.whole_numbers(graph, self.attack(names), self.times(graph))
         try:
             if robots == 1:
                 arrival.check_reach(*numbers, names, self.unit)
-            elif arrival.out_of_reach(*numbers) is not None and self.strategy == "capture":
+            elif arrival.out_of_reach(*numbers) is not None:
                 arrival.parts_within_reach(graph, *numbers, robots, names, self.unit)
         except ValueError as error:
             finer = ""

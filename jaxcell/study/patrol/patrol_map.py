@@ -1,14 +1,15 @@
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
 from ... import optimize, patrol, space, verify as verification
 from ...base.limits import MAX_CELLS
 from ...base.secondary import Secondary
+from ..batches import Numbers, stacked
 from ..map_study import CellStudy
 from ..parameters import AtLeastOne, Headings, Limit, Metres, Needed, Only
-from ..study import Say, about, numbers, silent
+from ..study import Say, Wanted, about, every, numbers, scalars, silent
 
 
 if TYPE_CHECKING:
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 _Reach: TypeAlias = Annotated[Metres, Limit(gt=0)]
 _Floor: TypeAlias = Annotated[float, Limit(ge=0, lt=1)]
 _CAPTURE = Only(strategy="capture")
+# Numbers that attacks do not change.
+_OF_MAP = ("edges", "mean_cells_seen", "least_cells_seen", "most_cells_seen")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -27,6 +30,7 @@ class PatrolMap(CellStudy):
     name: ClassVar[str] = "patrol_map"
     command: ClassVar[str] = "patrol map"
     example: ClassVar[str] = "@depot --robots 2 --range 6"
+    varied: ClassVar[tuple[str, ...]] = ("attack_times",)
     headings: ClassVar[Headings] = {
         "What do robots see and report?": ("sight", "base_range", "lost"),
         "How is a walk chosen?": ("randomness", "frontier", "initial_walks"),
@@ -158,6 +162,32 @@ class PatrolMap(CellStudy):
             seed=self.seed,
             left_out=beside.left_out,
         )
+
+    def numbers(self, columns: "Mapping[str, np.ndarray]", wanted: Wanted = every) -> Numbers:
+        if not columns:
+            return super().numbers(columns, wanted)
+        import numpy as np
+
+        from .teams import teams_at_times
+
+        times, which = np.unique(columns["attack_times"], return_inverse=True)
+        members = [dataclasses.replace(self, attack_times=(time,)) for time in times.tolist()]
+        if self.strategy == "capture" or self.capture is not None:
+            return stacked([scalars(one.run(), (), wanted) for one in members], which)
+        result = members[0].run()
+        site = result.graph, result.visible, result.regions
+        shared, found = scalars(result, (), wanted), []
+        for team, capture in teams_at_times(self, *site, times.tolist()):
+            attack = dataclasses.replace(result.attack, attack_time=capture.attack.times)
+            one = dataclasses.replace(
+                result,
+                policies=team.policies,
+                chosen_share=team.chosen_share,
+                captures=capture,
+                attack=attack,
+            )
+            found.append(scalars(one, (), lambda name: name in shared and name not in _OF_MAP))
+        return shared | stacked(found, which)
 
     def spec(self, result: Any) -> dict[str, Any]:
         spec = super().spec(result)

@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from ... import optimize, patrol
 from ...base.limits import MAX_VERTICES
-from ..study import Say
+from ..study import Say, silent
 from .patrol_map import PatrolMap
 
 
@@ -82,6 +82,26 @@ def _searched(
     return Team(policies=search.policies, least=search.value, search=search)
 
 
+def teams_at_times(
+    study: PatrolMap,
+    graph: optimize.Graph,
+    visible: Bool[np.ndarray, "cells cells"],
+    regions: "patrol.map.Regions | None",
+    times: Sequence[int],
+) -> "list[tuple[Team, patrol.Capture]]":
+    """Find the robots of studies that differ in a single attack time, and what they capture."""
+    robots = int(study.robots)
+    made = _at_shares(study, graph, visible, regions, robots, silent)
+    attack = patrol.Attack(times, study.distribution)
+    captures = [patrol.Capture.of(graph, visible, team, attack, regions) for team in made.values()]
+    teams = []
+    for row in range(len(times)):
+        each = [capture.at(row) for capture in captures]
+        team = _best(study, made, [capture.least[0] for capture in each])
+        teams.append((team, each[list(made).index(team.chosen_share)]))
+    return teams
+
+
 def _commuting(
     study: PatrolMap,
     graph: optimize.Graph,
@@ -91,37 +111,55 @@ def _commuting(
     most: int,
     say: Say,
 ) -> Callable[[int], Team]:
-    """Make policies for `most` robots; return a function that finds a team of the first of them.
+    """Make policies for `most` robots; return a function that finds a team of the first of them."""
+    made = _at_shares(study, graph, visible, regions, most, say)
 
-    The policies have different shares of steps on tours, among which the study chooses.
-    """
+    def team_of(robots: int) -> Team:
+        teams = {share: policies[:robots] for share, policies in made.items()}
+        captures = [
+            patrol.Capture.of(graph, visible, team, attack.first, regions)
+            for team in teams.values()
+        ]
+        return _best(study, teams, [capture.least[0] for capture in captures])
+
+    return team_of
+
+
+def _at_shares(
+    study: PatrolMap,
+    graph: optimize.Graph,
+    visible: Bool[np.ndarray, "cells cells"],
+    regions: "patrol.map.Regions | None",
+    most: int,
+    say: Say,
+) -> "dict[float, tuple[patrol.map.Policy, ...]]":
+    """Make policies with different shares of steps on tours, among which the study chooses."""
     shares = _SHARES if study.share == "auto" else tuple(sorted({0.0, study.share}))
     if graph.vertices > MAX_VERTICES:
         # One search takes a minute or more.
         shares = (0.0,) if study.share == "auto" else (study.share,)
-    made = []
+    made = {}
     for share in shares:
         say(f"making policies for {most} robots, with a share of {share:g}")
         if regions is None:
-            made.append(patrol.distributed_policies(graph, visible, most, share))
+            made[share] = patrol.distributed_policies(graph, visible, most, share)
         else:
-            made.append(patrol.map.centralized_policies(graph, visible, regions, share))
+            made[share] = patrol.map.centralized_policies(graph, visible, regions, share)
+    return made
 
-    def team_of(robots: int) -> Team:
-        teams = [policies[:robots] for policies in made]
-        captures = [
-            patrol.Capture.of(graph, visible, team, attack.first, regions) for team in teams
-        ]
-        least = np.array([capture.least[0] for capture in captures])
-        # Captures that differ by rounding count as equal; the first of them is taken.
-        auto = int(np.argmax(np.round(least, 9)))
-        best = auto if study.share == "auto" else shares.index(study.share)
-        return Team(
-            policies=teams[best],
-            least=float(least[best]),
-            share=np.array(shares),
-            share_capture=least,
-            chosen_share=shares[best],
-        )
 
-    return team_of
+def _best(
+    study: PatrolMap, teams: "dict[float, tuple[patrol.map.Policy, ...]]", captured: list[float]
+) -> Team:
+    """Choose among teams with different shares by the least probability of capture of each."""
+    shares, least = list(teams), np.array(captured)
+    # Captures that differ by rounding count as equal; the first of them is taken.
+    auto = int(np.argmax(np.round(least, 9)))
+    best = auto if study.share == "auto" else shares.index(study.share)
+    return Team(
+        policies=teams[shares[best]],
+        least=float(least[best]),
+        share=np.array(shares),
+        share_capture=least,
+        chosen_share=shares[best],
+    )
