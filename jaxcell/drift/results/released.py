@@ -258,8 +258,8 @@ class Released(Result):
         place = name_place(self.centre_lon[-1], self.centre_lat[-1])
         cells = int(self.likely_cells[-1])
         return (
-            f"{begin} the mean is {place}, the spread {name_length(self.spread[-1])}; 90 % are within "
-            f"{name_length(self.radius[-1])} of it, and in {counted(cells, 'cell')}; {gone}."
+            f"{begin} the mean is {place}, the spread {name_length(self.spread[-1])}; 90 % are "
+            f"within {name_length(self.radius[-1])} of it, and in {counted(cells, 'cell')}; {gone}."
         )
 
     @property
