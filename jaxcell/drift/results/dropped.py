@@ -201,7 +201,7 @@ class Dropped(Result):
             f"{_number(self.stranded)} strand, {_number(self.left)} leave the map: on average, if "
             "each is dropped anywhere in its cell.",
             f"No {counted(drops, 'cell')}{allowed} would give more than "
-            f"{math.floor(self.bound):,}: these give at least "
+            f"{math.ceil(self.bound):,}: these give at least "
             f"{percent(self.chosen_by / self.bound)} of the most.",
             "deployment.csv has the cells, and where to fetch the drifters: the median distance "
             f"from there is {name_length(float(np.median(self._away)))}. An error of the current "
