@@ -87,7 +87,7 @@ class Release(Shown):
 
 
 class Look(NamedTuple):
-    """Where drifters are at a time; they stay where they left the map or stranded."""
+    """The places of drifters at a time; they stay where they left the map or stranded."""
 
     seconds: float
     x: Float[np.ndarray, "drifters"]

@@ -25,6 +25,7 @@ single numbers and tables as JSON. Datasets guarantee:
 
 `save_deployment` also writes the cells in which to drop drifters as CSV or GeoJSON, for other
 programs, and `save_release` the areas that hold half and nine tenths of the drifters of a release.
+`save_sea` writes a picture of a release or of a deployment.
 
 **Recordings.** `save_recording` and `log_sweep` write a file for the viewer, which `rerun FILE.rrd`
 opens. The file has timelines such as `step` or `direction`, and a text that explains the views.

@@ -47,6 +47,12 @@ def test_records_continue_from_file_to_file(tmp_path):
     u, v = (values[1] for values in products.numbers())
     np.testing.assert_array_equal(asked.u.values[:, 0], [u + 2])
     np.testing.assert_array_equal(asked.v.values[:, 0], [v])
+    check_months(open_currents(paths, time="2020-02"), (2,))
+    check_months(open_currents(paths, time="2020-02-01/2020-03-01T02:00"), (2, 3))
+    with pytest.raises(
+        ValueError, match="time: 2020-12: the records are from 2020-01-01 to 2020-03"
+    ):
+        open_currents(paths, time="2020-12")
 
 
 @pytest.mark.parametrize("calendar", ["noleap", "360_day"])

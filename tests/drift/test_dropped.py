@@ -1,4 +1,4 @@
-"""Where to drop drifters: beside points drifted, and cells chosen, outside the library."""
+"""Cells for drops, beside points drifted, and cells chosen, outside the library."""
 
 import csv
 import json

@@ -16,7 +16,7 @@ from ..flow import Flow
 from ..positions import in_degrees
 from ..released_drifters import DAY, Look, Release, release_drifters, visit_cells
 from ..water import Water
-from .sentences import name_day
+from .sentences import name_day, name_length
 
 
 # The places of a cell, in cells from its middle, from which drifters are followed to choose cells.
@@ -58,7 +58,7 @@ class Dropped(Result):
     checked: scipy.sparse.csr_array
     "The share of drifters from anywhere in each cell (row) that visit a cell (column)."
     checked_ends: Look
-    "Where these drifters are at the end."
+    "The places of these drifters at the end."
     hours: Annotated[
         Float[np.ndarray, "times"], quantity("time", "time after the drops", "h", kind="time")
     ]
@@ -201,11 +201,11 @@ class Dropped(Result):
             f"{_number(self.stranded)} strand, {_number(self.left)} leave the map: on average, if "
             "each is dropped anywhere in its cell.",
             f"No {counted(drops, 'cell')}{allowed} would give more than "
-            f"{math.floor(self.bound):,}: these give at least "
+            f"{math.ceil(self.bound):,}: these give at least "
             f"{percent(self.chosen_by / self.bound)} of the most.",
-            "deployment.csv has the cells, and where to fetch the drifters: half of them end "
-            f"within {np.median(self._away):.3g} km of there. An error of the current is not "
-            "included.",
+            "deployment.csv has the cells, and where to fetch the drifters: the median distance "
+            f"from there is {name_length(float(np.median(self._away)))}. An error of the current "
+            "is not included.",
         )
 
     @property

@@ -16,7 +16,7 @@ from ..positions import in_degrees
 from ..released_drifters import Release, push_release, release_drifters
 from ..validation.simulated_drifters import total_variation
 from ..water import Water, square
-from .sentences import name_day, name_place
+from .sentences import name_day, name_length, name_place
 
 
 _DRY = "NaN: no water"
@@ -258,8 +258,8 @@ class Released(Result):
         place = name_place(self.centre_lon[-1], self.centre_lat[-1])
         cells = int(self.likely_cells[-1])
         return (
-            f"{begin} the mean is {place}, the spread {_length(self.spread[-1])}; 90 % are within "
-            f"{_length(self.radius[-1])} of it, and in {counted(cells, 'cell')}; {gone}."
+            f"{begin} the mean is {place}, the spread {name_length(self.spread[-1])}; 90 % are "
+            f"within {name_length(self.radius[-1])} of it, and in {counted(cells, 'cell')}; {gone}."
         )
 
     @property
@@ -287,7 +287,7 @@ class Released(Result):
             f"How sure: {self.released:,} drifters give each probability to {self.precision:.1%}, "
             f"in this current without its errors. The chain of cells has {percent(apart)} in a "
             f"wrong cell (by chance {percent(self.chain_noise[-1])}) and a spread of "
-            f"{_length(self.chain_spread[-1])}: it {use}."
+            f"{name_length(self.chain_spread[-1])}: it {use}."
         )
 
     def _on_map(self, shares: Float[np.ndarray, "times cells"]) -> np.ndarray:
@@ -371,7 +371,3 @@ def _kilometres(
     """Compute great-circle distances from a place."""
     chord = np.linalg.norm(points - on_sphere(*np.array([lon, lat])[:, None]), axis=0)
     return 2 * EARTH_RADIUS / 1000 * np.arcsin(np.minimum(chord / 2, 1))
-
-
-def _length(kilometres: float) -> str:
-    return f"{kilometres:.3g} km" if kilometres >= 0.01 else "under 10 m"

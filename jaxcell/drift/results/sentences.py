@@ -36,7 +36,9 @@ def _beyond(drift: Any) -> str | None:
     if asked <= covered * (1 + 1e-9):
         return None
     mean = drift.layers[0].by.period is None
-    begins = f"The records cover {in_time(covered)}, and the answer is about {in_time(asked)}"
+    first, last = map(name_day, drift.currents.time.values[[0, -1]])
+    begins = f"The records cover {in_time(covered)}, {first} to {last}, and the answer is about "
+    begins += in_time(asked)
     if mean:
         return f"{begins} in the mean of the records."
     whole = any(abs(covered / cycle - round(covered / cycle)) <= _NEAR and covered >= cycle * 0.9
@@ -209,6 +211,11 @@ def name_place(lon: float, lat: float) -> str:
 def name_day(moment: np.datetime64) -> str:
     """Format a time to the minute."""
     return str(np.datetime_as_string(moment, unit="m")).replace("T", " ")
+
+
+def name_length(kilometres: float) -> str:
+    """Format a length in km, with three digits."""
+    return f"{kilometres:.3g} km" if kilometres >= 0.01 else "under 10 m"
 
 
 def remarks_on(drift: Any) -> tuple[str, ...]:

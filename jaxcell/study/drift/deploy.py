@@ -34,8 +34,7 @@ class Deploy(WindowStudy):
     cover: Path | None = None
     """GeoJSON file of polygons, whose cells are to be visited; by default all water."""
     avoid: tuple[Literal["land", "edge"], ...] = ()
-    """What drifters may not do: strand (land), or leave the map (edge). They are dropped in other
-    cells."""
+    """Leave out cells from which drifters strand (land), or leave the map (edge)."""
     coast: Literal["hold", "slip", "strand"] = "strand"
     """Rule for drifters that run ashore: they strand (strand), or they stay at the coast until the
     current carries them off, and water slows down towards land (hold) or flows along it without

@@ -64,8 +64,8 @@ class Drift(CurrentStudy):
     """Currents: NetCDF files (one per period, or one for u and one for v), a pattern such as
     "2016_*.nc", a Zarr store, an OPeNDAP address, or the bundled @gyres."""
     time: int | str | None = None
-    """The only record to read: its number, from 0, or its time (2016-02-02T12:00). By default all
-    records are read."""
+    """Records to read: a month (2016-02), a period (2016-02-01/2016-02-11), or one record by its
+    number, from 0, or its time (2016-02-02T12:00). By default all records are read."""
     current: Literal["changing", "mean", "steady"] | None = None
     """Current of the map: the records in turn, repeated without end (changing), or the mean of the
     records, while simulated drifters move with the records in turn (mean) or with the mean, too

@@ -49,8 +49,9 @@ def answer_of(currents, duration=None, **options):
     ("records", "hours", "options", "beginning", "end"),
     [
         (1, 1.0, {}, "There is one record: the answer is for 4 days of a steady", " current."),
-        (4, 1.0, {}, "The records cover 4 h, and the answer is about 4 days, as if the current "
-         "repeated itself after them", "is no multiple of a day or of a tide (12.4 h)."),
+        (4, 1.0, {}, "The records cover 4 h, 2011-07-01 00:00 to 2011-07-01 03:00, and the answer "
+         "is about 4 days, as if the current repeated itself after them",
+         "is no multiple of a day or of a tide (12.4 h)."),
         (4, 6.0, {}, "The records cover 24 h", "the current repeated itself after them."),
         (5, 2.5, {}, "The records cover 12.5 h, ", "the current repeated itself after them."),
         (4, 1.0, {"mean": True}, "The records cover 4 h, ", " in the mean of the records."),
