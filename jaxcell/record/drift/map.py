@@ -15,7 +15,7 @@ import rerun.blueprint as rrb
 from jaxtyping import Bool, Float, Int, Integer
 from scipy.ndimage import distance_transform_edt
 
-from ...drift import Flow, Released, SeaDrift
+from ...drift import CountedDrift, Flow, Released, SeaDrift
 from ...drift.results.layered_result import LayeredResult
 from ..canvas.map import log_pictures
 from ..canvas.marks import log_arrows, log_labels
@@ -49,9 +49,9 @@ class Clock:
     enough to show all times of the currents.
     """
 
-    def __init__(self, drift: LayeredResult | Released) -> None:
+    def __init__(self, drift: LayeredResult | Released | CountedDrift) -> None:
         total, start = _MIN_STEPS * drift.step, None
-        if isinstance(drift, Released):
+        if isinstance(drift, Released | CountedDrift):
             total, start = 3600 * float(drift.hours[-1]), drift.on
         if isinstance(drift, SeaDrift):
             total = max(3600 * drift.covered_hours, total)
@@ -85,7 +85,11 @@ class SeaMap:
     "The result of the map: a `LayeredResult` or a `Released`."
 
     def __init__(
-        self, stream: rr.RecordingStream, drift: LayeredResult | Released, clock: Clock, number: int
+        self,
+        stream: rr.RecordingStream,
+        drift: LayeredResult | Released | CountedDrift,
+        clock: Clock,
+        number: int,
     ) -> None:
         self.stream, self.drift, self.clock, self.number = stream, drift, clock, number
         self.water = drift.waters[number]
@@ -222,7 +226,9 @@ def shortened(
     return vectors * np.minimum(1, most / np.maximum(length, 1e-12))
 
 
-def log_maps(stream: rr.RecordingStream, drift: LayeredResult | Released, kind: type[M]) -> list[M]:
+def log_maps(
+    stream: rr.RecordingStream, drift: LayeredResult | Released | CountedDrift, kind: type[M]
+) -> list[M]:
     """Create a map of the class `kind` for each layer, and log its water and its frame."""
     clock = Clock(drift)
     count = min(len(drift.waters), _MAX_MAPS)
