@@ -49,7 +49,7 @@ def compare_counted_drift(found: CountedDrift) -> list[Comparison]:
         length = -np.log(part[apart] / going[begin[apart]])
         graph.add_weighted_edges_from(zip(begin[apart], end[apart], length, strict=True))
         path = nx.dijkstra_path(graph, found.there[0][0], found.there[0][-1])
-        hours = float((counts.lag / 3600 / going[path[:-1]]).sum())
+        hours = np.sum(counts.lag / 3600 / going[path[:-1]], keepdims=True)
         what = "time of the most likely route, by networkx"
         compared.append(Comparison.close(what, found.there[1][-1], hours, 1e-9, relative=True))
     return compared

@@ -7,7 +7,7 @@ import tyro
 
 from ... import drift, space, verify as verification
 from ...base import memory
-from ..parameters import AtLeastOne, Days, Degrees, Limit, Only, WholeNumber
+from ..parameters import AtLeastOne, Days, Degrees, Headings, Limit, Only, WholeNumber
 from ..study import Say, about, renamed, silent
 from .sea_study import Bounds, Files, SeaStudy, degrees_of
 
@@ -30,6 +30,10 @@ class Drifters(SeaStudy):
     command: ClassVar[str] = "drifters"
     example: ClassVar[str] = "@drifters --nearly-closed 2 --out runs/drifters"
     task: ClassVar[str] = "drifters"
+    headings: ClassVar[Headings] = {
+        "By which route, for counts?": ("from_", "to"),
+        "How sure is it?": ("samples", "seed"),
+    }
 
     file: tyro.conf.Positional[Files] = dataclasses.field(kw_only=False)
     """Trajectories: files (or a pattern of their names) of the Global Drifter Program, OpenDrift,
