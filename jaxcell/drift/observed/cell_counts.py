@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import os
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -24,7 +25,11 @@ from ...markov import most_probable_path
 _DAY = 86_400.0
 # Half the diagonal of a square, as a share of its side: no regular cell reaches farther.
 _REACH = 0.71
-_DAMAGE = (ValueError, zipfile.BadZipFile, EOFError, ElementTree.ParseError, OverflowError)
+# The errors of damaged archives and documents; a RuntimeError is of a form of zip that is not read.
+_DAMAGE = (
+    *(ValueError, OverflowError, EOFError, RuntimeError),
+    *(zipfile.BadZipFile, zlib.error, ElementTree.ParseError),
+)
 _NS = "{http://graphml.graphdrawing.org/xmlns}"
 
 
