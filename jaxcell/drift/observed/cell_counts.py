@@ -154,7 +154,7 @@ class CellCounts(Shown):
         """Find the most likely sequence of cells from one cell to another, and its mean times.
 
         Moves that stay in a cell are no part of the sequence: the probability of a step is that of
-        the next other cell (O'Malley et al. 2021). The mean time in a cell is `lag / (1 - p)`, with
+        the next other cell. The mean time in a cell is `lag / (1 - p)`, with
         `p` the probability of a move that stays.
 
         **Returns:** the cells, and the mean hours until each of them is entered. **Raises:**

@@ -12,7 +12,8 @@ from jaxcell import bundled, drift, record, study
 
 # Van Sebille, England and Froyland 2012: five patches of garbage, as (West, East, North).
 PATCHES = [(-148, -140, 31), (-100, -100, -30), (-15, -15, -30), (-44, -44, 29), (59, 59, -29)]
-# The example of driftmlp, by the authors of O'Malley et al. 2021: days there and back.
+# The example of driftmlp, and the days there and back that are reported for it. Of several ways to
+# compute a route, only that without moves that stay gives them.
 MEXICO, PORTUGAL, DAYS = "90.90W,23.88N", "9.88W,35.80N", (288, 537)
 
 
