@@ -1,4 +1,4 @@
-"""Bundled data: maps, graphs, a small file of ocean currents, and specifications of sweeps."""
+"""Bundled data: maps, graphs, ocean currents and drifters, and specifications of sweeps."""
 
 import functools
 from collections.abc import Mapping
@@ -8,11 +8,11 @@ from types import MappingProxyType
 from .formatting import did_you_mean
 
 
-# The suffixes of the files with names, by folder.
+# The ends of the names of the files that have a name, by folder.
 _KINDS = {
     "maps": (".json", ".txt", ".yaml"),
     "graphs": (".json",),
-    "ocean": (".nc",),
+    "ocean": (".nc", "gdp.npz"),
     "sweeps": (".toml",),
 }
 
@@ -46,7 +46,7 @@ def bundled_names() -> Mapping[str, Path]:
             path.stem: path
             for folder, suffixes in _KINDS.items()
             for path in sorted((_folder() / folder).iterdir())
-            if path.suffix in suffixes
+            if path.name.endswith(suffixes)
         }
     )
 

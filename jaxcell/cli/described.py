@@ -106,6 +106,17 @@ def _netcdf(path: Path) -> dict[str, Any]:
         return _contents(file.dataset)
 
 
+def _counts(path: Path) -> dict[str, Any]:
+    import numpy as np
+
+    try:
+        with path.open("rb") as stream, np.load(stream) as arrays:
+            cells, moves = arrays["lon"].size, arrays["data"].sum()
+    except Exception as error:
+        raise ValueError(f"{path}: not counts of moves of drifters: {error}") from None
+    return {"what": "counts of moves of drifters", "cells": int(cells), "moves": int(moves)}
+
+
 def _zarr(path: Path) -> dict[str, Any]:
     import xarray as xr
 
@@ -350,6 +361,7 @@ KINDS: dict[str, Callable[[Path], dict[str, Any]]] = {
     ".jxb": _filter,
     ".jxf": _filter,
     ".nc": _netcdf,
+    ".npz": _counts,
     ".rrd": _recording,
     ".json": _json,
     ".jsonl": _log,

@@ -60,7 +60,9 @@ probabilities with exact intervals, arrivals and beaching, beside what the chain
 **Observed drifters.** `open_trajectories` reads positions of drifters or of the particles of a
 model. `count_moves` counts moves between cells in a fixed time; the cells are `boxes` of longitude
 and latitude, or the cells of a model. The shares of moves are the probabilities of a chain.
-`bootstrap` estimates sampling errors. `save_trajectories` writes positions to a file.
+`bootstrap` estimates sampling errors. `save_trajectories` writes positions to a file. Where only
+`CellCounts` of moves are known, between cells of any shape that `open_counts` reads, a
+`CountedDrift` has the patches in which drifters gather, and the most likely route between places.
 
 **Deployment.** A *deployment* is a set of cells from which drifters can together ever reach every
 cell: with any positive probability, after any time. `deployment_cells` (Alg. 5.2) chooses one cell

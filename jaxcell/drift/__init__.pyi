@@ -30,6 +30,8 @@ from .maps import (
     exit_shares as exit_shares,
     flow_map as flow_map,
 )
+from .observed.cell_counts import CellCounts as CellCounts, open_counts as open_counts
+from .observed.counted_drift import CountedDrift as CountedDrift
 from .observed.moves import (
     CountedMoves as CountedMoves,
     Spread as Spread,

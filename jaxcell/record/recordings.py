@@ -14,6 +14,7 @@ _FAMILIES = {
     "Basins": "dynamics.basins:log_basins",
     "BounceGroups": "bounce.groups:log_groups",
     "Continuation": "dynamics.basins:log_continuation",
+    "CountedDrift": "drift.counted:log_counted_drift",
     "CostSummary": "bounce.navigation:log_navigation",
     "CoveragePolicy": "bounce.coverage:log_coverage",
     "Dropped": "drift.dropped:log_dropped",

@@ -1,7 +1,10 @@
 from .bounce import compare_groups as compare_groups, compare_images as compare_images
 from .comparison import Comparison as Comparison
 from .coverage import compare_coverage as compare_coverage
-from .drift import compare_drift as compare_drift
+from .drift import (
+    compare_counted_drift as compare_counted_drift,
+    compare_drift as compare_drift,
+)
 from .joint_trajectory import compare_team as compare_team
 from .localization import (
     compare_filter as compare_filter,

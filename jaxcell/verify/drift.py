@@ -4,7 +4,7 @@ import scipy.optimize
 import scipy.sparse
 from scipy.sparse import csgraph
 
-from ..drift import SeaDrift, SeaVoyage
+from ..drift import CountedDrift, SeaDrift, SeaVoyage
 from ..drift.results.layer_ends import LayerEnds
 from ..drift.results.layered_result import LayeredResult
 from .comparison import Comparison, solve_transient
@@ -31,6 +31,28 @@ def compare_drift(drift: LayeredResult) -> list[Comparison]:
     what = "cells visited from the deployment, by scipy"
     compared.append(Comparison.exact(what, missed, steps.size))
     return compared if drift.surest is None else [*compared, _compare_voyage(drift.surest)]
+
+
+def compare_counted_drift(found: CountedDrift) -> list[Comparison]:
+    """Compare shares with sums over single moves, and the route with Dijkstra of networkx."""
+    counts = found.counts
+    moves = counts.counts.tocoo()
+    begin, end = moves.coords
+    part, share = moves.data / counts.total[begin], found.share[0]
+    for _ in range(round(found.hours[1] * 3600 / counts.lag)):
+        share = np.bincount(end, part * share[begin], counts.cells)
+    what = "shares of drifters at the first time, by sums over moves"
+    compared = [Comparison.close(what, found.share[1], share, 1e-12)]
+    if found.there is not None:
+        going = 1 - counts.counts.diagonal() / counts.total
+        graph, apart = nx.DiGraph(), begin != end
+        length = -np.log(part[apart] / going[begin[apart]])
+        graph.add_weighted_edges_from(zip(begin[apart], end[apart], length, strict=True))
+        path = nx.dijkstra_path(graph, found.there[0][0], found.there[0][-1])
+        hours = np.sum(counts.lag / 3600 / going[path[:-1]], keepdims=True)
+        what = "time of the most likely route, by networkx"
+        compared.append(Comparison.close(what, found.there[1][-1], hours, 1e-9, relative=True))
+    return compared
 
 
 def _compare_layer(layer: LayerEnds) -> list[Comparison]:

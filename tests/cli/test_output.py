@@ -105,6 +105,7 @@ MISSING = [
     "drift @gyres --land none.geojson",
     "drift @gyres --regions none.geojson",
     "drifters @drifters none.nc",
+    "drifters none.npz",
     "dynamics none.py:x",
     "export none.jxf a.dot",
     "groups none.json --bounce 45",

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.sparse
 from hypothesis import given, strategies as st
 
 from jaxcell import markov
@@ -203,3 +204,15 @@ def test_bad_input_is_refused():
         markov.coherent_sets(chain, 1, np.zeros(3))
     with pytest.raises(ValueError, match="blur: expected a chain of 3 cells, got 2"):
         markov.attracting_regions(chain, 1, blur=Chain.from_scipy(np.eye(2)))
+
+
+def test_a_walk_on_a_long_line_takes_few_products():
+    """A walk on a line with reflecting ends has the eigenvalues `cos(pi k / cells)`."""
+    cells = 3000
+    half = np.full(cells - 1, 0.5)
+    ends = np.zeros(cells)
+    ends[[0, -1]] = 0.5
+    matrix = scipy.sparse.diags_array([half, ends, half], offsets=[-1, 0, 1])
+    sets = markov.almost_invariant_sets(Chain.from_scipy(matrix), 3)
+    np.testing.assert_allclose(sets.value, np.cos(np.pi * np.arange(3) / cells), atol=1e-12)
+    assert sets.certificate.iterations < 200

@@ -47,6 +47,7 @@ CASES = {
     "drift by the source": f"{SEA} --depths 0 --method source --nearly-closed 2",
     "drift at beaches": f"{SEA} --depths 0 --time 3 --beaching 7200 --after 36000",
     "drifters": "@drifters --nearly-closed 2 --samples 4 --least 3 --cell 2 --after 100",
+    "drifters counted": "@gdp --after 30 --from 90.9W,23.88N --to 88W,27N",
     "dynamics": "pendulum --cells 41 --params T=0.5 damping=0.2",
     "dynamics along a parameter": "henon --cells 40 --params a=1:1.4:3",
     "groups": f"{LAB} --bounce 45 135",

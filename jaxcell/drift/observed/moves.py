@@ -13,6 +13,7 @@ from ...currents.sphere import EARTH_RADIUS, goes_round, on_sphere, warn_if_wide
 from ...mapping import Chain
 from ...markov.estimation import Spread
 from ..water import Water
+from .cell_counts import CellCounts
 from .trajectories import Trajectories
 
 
@@ -113,6 +114,21 @@ def boxes(
         >>> water.cells, water.lon.tolist()
         (3, [[179.5, -179.5, -178.5]])
     """
+    whole = squares(seen, cell, bounds)
+    lat = whole.lat
+    visited = np.zeros(lat.size + 1, bool)
+    visited[located(whole, seen.lon, seen.lat)] = True
+    number = np.where(visited[:-1], np.cumsum(visited[:-1]) - 1, -1)
+    if not visited[:-1].any():
+        raise ValueError("bounds: no drifter was within them")
+    number = number.reshape(lat.shape).astype(np.int32)
+    return dataclasses.replace(whole, number=number, land=number < 0)
+
+
+def squares(
+    seen: Trajectories | CellCounts, cell: float | int, bounds: Sequence[float | int] | None = None
+) -> Water:
+    """Divide the sea into boxes as [`boxes`][] does; all of them are cells."""
     if not (np.isfinite(cell) and 0 < cell <= 90):
         raise ValueError(f"cell: expected more than 0 and at most 90 degrees, got {cell}")
     west, south, columns, rows = _observed(seen, cell) if bounds is None else _asked(bounds, cell)
@@ -131,17 +147,10 @@ def boxes(
     side = EARTH_RADIUS * np.radians(cell)
     sides = side * np.cos(np.radians(lat)), np.full(lat.shape, side)
     every = np.arange(lat.size, dtype=np.int32).reshape(lat.shape)
-    whole = Water(every, *sides, 0 * lat, lon, lat, 0.0, wraps=goes_round(lon, lat))
-    visited = np.zeros(lat.size + 1, bool)
-    visited[located(whole, seen.lon, seen.lat)] = True
-    number = np.where(visited[:-1], np.cumsum(visited[:-1]) - 1, -1)
-    if not visited[:-1].any():
-        raise ValueError("bounds: no drifter was within them")
-    number = number.reshape(lat.shape).astype(np.int32)
-    return dataclasses.replace(whole, number=number, land=number < 0)
+    return Water(every, *sides, 0 * lat, lon, lat, 0.0, wraps=goes_round(lon, lat))
 
 
-def _observed(seen: Trajectories, cell: float | int) -> tuple[float, float, int, int]:
+def _observed(seen: Trajectories | CellCounts, cell: float | int) -> tuple[float, float, int, int]:
     """Return the western and southern bounds of `seen`, and the numbers of columns and rows."""
     if not seen.lon.size:
         raise ValueError("trajectories: there are no observations")

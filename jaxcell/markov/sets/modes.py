@@ -109,9 +109,10 @@ def leading_modes(
 
 def _modes(matrices: _Matrices, count: int, exactly: bool) -> tuple[_Modes, tuple[int, float]]:
     window = Window(matrices)
-    functions = leading_subspace(window.pull, window.cells, count, symmetric=False, copies=True)
-    vectors = functions.basis.shape[1]
-    measures = leading_subspace(window.push, window.cells, vectors, symmetric=False, copies=True)
+    matrix, options = window.matrix, {"symmetric": False, "copies": True}
+    functions = leading_subspace(window.pull, window.cells, count, matrix=matrix, **options)
+    vectors, back = functions.basis.shape[1], None if matrix is None else matrix.T
+    measures = leading_subspace(window.push, window.cells, vectors, matrix=back, **options)
     values, inner = np.linalg.eig(functions.block)
     order = leading_order(values)
     values, right = values[order], functions.basis @ inner[:, order]

@@ -222,7 +222,11 @@ class _Search:
             there, back = before * blurred.pull(last), blurred.push(before * first)
             return over * (np.concatenate([there, back]) if moving else (there + back) / 2)
 
-        span = leading_subspace(product, len(weight), count, symmetric=True)
+        one, matrix = blurred.matrix, None
+        if one is not None and not moving:
+            half = one.multiply(over * before).multiply(over.T)
+            matrix = (half + half.T) / 2
+        span = leading_subspace(product, len(weight), count, symmetric=True, matrix=matrix)
         basis = span.above(TOLERANCE)
         on_sets = over * (basis @ _rotation(basis, root))
         first, last = (on_sets[:cells], on_sets[cells:]) if moving else (on_sets, None)
@@ -236,11 +240,14 @@ class _Search:
         check_count(count, cells)
         root = np.sqrt(self.mass[:, None])
         over = _inverse_or_zero(root)
+        one = blurred.matrix
+        matrix = None if one is None else one.multiply(root).multiply(over.T)
+        back = None if matrix is None else matrix.T
         functions = leading_subspace(
-            lambda v: root * blurred.pull(over * v), cells, count, symmetric=False
+            lambda v: root * blurred.pull(over * v), cells, count, symmetric=False, matrix=matrix
         )
         measures = leading_subspace(
-            lambda v: over * blurred.push(root * v), cells, count, symmetric=False
+            lambda v: over * blurred.push(root * v), cells, count, symmetric=False, matrix=back
         )
         basis = functions.above(TOLERANCE)
         turned = basis @ _rotation(basis, root)

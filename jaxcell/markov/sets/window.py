@@ -1,6 +1,6 @@
 import dataclasses
 from collections.abc import Callable
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import scipy.linalg
@@ -24,6 +24,8 @@ _ROUGH = 1e-4
 # Weight of the square of imaginary parts in the search among eigenvalues with equal real parts.
 _TILT = 0.1
 _MAX_RESTARTS = 2000
+# A matrix with at most this many rows, and branches per row, is factored. The shift of the inverse.
+_MAX_FACTORED, _MAX_BRANCHES, _SHIFT = 100_000, 40, 1e-6
 _SEED = 0
 
 
@@ -60,6 +62,11 @@ class Window:
     @property
     def cells(self) -> int:
         return self.matrices[0].shape[0]
+
+    @property
+    def matrix(self) -> scipy.sparse.csr_array | None:
+        """The matrix of a window of one step; `None` for more steps."""
+        return self.matrices[0] if len(self.matrices) == 1 else None
 
     def push(self, mass: _Columns) -> _Columns:
         """Compute the mass of each cell at the end of the window from the mass at its start."""
@@ -103,7 +110,13 @@ class Subspace:
 
 @one_blas_thread()
 def leading_subspace(
-    product: _Product, rows: int, count: int, *, symmetric: bool, copies: bool = False
+    product: _Product,
+    rows: int,
+    count: int,
+    *,
+    symmetric: bool,
+    copies: bool = False,
+    matrix: scipy.sparse.sparray | None = None,
 ) -> Subspace:
     """Compute the subspace of the leading eigenvalues with Arnoldi's or Lanczos's method.
 
@@ -114,15 +127,21 @@ def leading_subspace(
     `product` is a function that multiplies the matrix by columns. The subspace has `count`
     dimensions, or one more to complete a conjugate pair. If `copies` is true, it also has the
     eigenvectors that were found of eigenvalues equal to the last one, or to its conjugate.
+
+    `matrix` is the matrix itself, if it is known; no eigenvalue is above 1. If it is sparse, its
+    eigenvalues near 1 are found by the inverse of `1 - matrix`, which separates them.
     """
     if rows <= max(_MAX_DENSE, 2 * count + 2):
-        matrix, products = product(np.eye(rows)), rows
+        dense, products = product(np.eye(rows)), rows
         if symmetric:
-            basis = np.linalg.eigh((matrix + matrix.T) / 2)[1][:, ::-1][:, :count]
+            basis = np.linalg.eigh((dense + dense.T) / 2)[1][:, ::-1][:, :count]
         else:
-            basis = _real_basis(*np.linalg.eig(matrix), count, copies=copies)
+            basis = _real_basis(*np.linalg.eig(dense), count, copies=copies)
     else:
-        basis, products = _iterated(product, rows, count, symmetric=symmetric)
+        inverse = None
+        if matrix is not None and rows <= _MAX_FACTORED and matrix.nnz <= _MAX_BRANCHES * rows:
+            inverse = _inverse(matrix, symmetric)
+        basis, products = _iterated(product, rows, count, inverse, symmetric=symmetric)
         if basis.shape[1] > count:
             within = np.linalg.eig(basis.T @ product(basis))
             basis = basis @ _real_basis(*within, count, copies=copies)
@@ -132,8 +151,23 @@ def leading_subspace(
     return Subspace(basis, block, float(left.max()), products + basis.shape[1])
 
 
+def _inverse(matrix: scipy.sparse.sparray, symmetric: bool) -> Callable[[np.ndarray], np.ndarray]:
+    """Factor `1 + shift - matrix`, and return the product with its inverse."""
+    shifted = (1 + _SHIFT) * scipy.sparse.eye_array(matrix.shape[0]) - matrix
+    # The shifted matrix is positive definite if it is symmetric, and needs no pivots.
+    ways = {"diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}} if symmetric else {}
+    order = "MMD_AT_PLUS_A" if symmetric else "COLAMD"
+    solve: Any = linalg.splu(shifted.tocsc(), permc_spec=order, **ways).solve
+    return solve
+
+
 def _iterated(
-    product: _Product, rows: int, count: int, *, symmetric: bool
+    product: _Product,
+    rows: int,
+    count: int,
+    inverse: Callable[[np.ndarray], np.ndarray] | None,
+    *,
+    symmetric: bool,
 ) -> tuple[Float[np.ndarray, "rows vectors"], int]:
     products, random = 0, np.random.default_rng(_SEED)
     basis = np.zeros((rows, 0))
@@ -146,6 +180,14 @@ def _iterated(
         image = product(vectors - within)
         return image - basis @ (basis.T @ image) - within
 
+    def solved(vector: np.ndarray) -> np.ndarray:
+        """Multiply by the inverse, in which vectors of the basis have the eigenvalue 0."""
+        nonlocal products
+        assert inverse is not None
+        products += 1
+        result = inverse(vector - basis @ (basis.T @ vector))
+        return result - basis @ (basis.T @ result)
+
     solve, which = (linalg.eigsh, "LA") if symmetric else (linalg.eigs, "LR")
     fine = _SYMMETRIC_TOLERANCE if symmetric else _TOLERANCE
 
@@ -156,9 +198,14 @@ def _iterated(
             (rows, rows), lambda v: multiply(v.reshape(rows, 1)), matmat=multiply, dtype=np.float64
         )
         start, size = random.standard_normal(rows), min(rows, max(20, 3 * wanted))
-        return solve(
-            operator, wanted, v0=start, which=which, ncv=size, tol=tolerance, maxiter=_MAX_RESTARTS
-        )
+        options = {"v0": start, "ncv": size, "tol": tolerance, "maxiter": _MAX_RESTARTS}
+        # Of a symmetric matrix, whose eigenvalues are at most 1, the leading ones are nearest to 1.
+        # Of another matrix these are only a beginning, because complex ones may lead.
+        if inverse is not None and (symmetric or not basis.size):
+            near = linalg.LinearOperator((rows, rows), solved, dtype=np.float64)
+            values, vectors = solve(near, wanted, which="LA" if symmetric else "LM", **options)
+            return 1 + _SHIFT - 1 / values, vectors
+        return solve(operator, wanted, which=which, **options)
 
     basis, rest = _real_basis(*leading(count, fine), count), -np.inf
     for _ in range(count):

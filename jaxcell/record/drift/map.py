@@ -15,7 +15,7 @@ import rerun.blueprint as rrb
 from jaxtyping import Bool, Float, Int, Integer
 from scipy.ndimage import distance_transform_edt
 
-from ...drift import Dropped, Flow, Released, SeaDrift
+from ...drift import CountedDrift, Dropped, Flow, Released, SeaDrift
 from ...drift.results.layered_result import LayeredResult
 from ..canvas.map import log_pictures
 from ..canvas.marks import log_arrows, log_labels
@@ -49,9 +49,9 @@ class Clock:
     enough to show all times of the currents.
     """
 
-    def __init__(self, drift: LayeredResult | Released | Dropped) -> None:
+    def __init__(self, drift: LayeredResult | Released | Dropped | CountedDrift) -> None:
         total, start = _MIN_STEPS * drift.step, None
-        if isinstance(drift, Released | Dropped):
+        if isinstance(drift, Released | Dropped | CountedDrift):
             total, start = 3600 * float(drift.hours[-1]), drift.on
         if isinstance(drift, SeaDrift):
             total = max(3600 * drift.covered_hours, total)
@@ -87,7 +87,7 @@ class SeaMap:
     def __init__(
         self,
         stream: rr.RecordingStream,
-        drift: LayeredResult | Released | Dropped,
+        drift: LayeredResult | Released | Dropped | CountedDrift,
         clock: Clock,
         number: int,
     ) -> None:
@@ -227,7 +227,9 @@ def shortened(
 
 
 def log_maps(
-    stream: rr.RecordingStream, drift: LayeredResult | Released | Dropped, kind: type[M]
+    stream: rr.RecordingStream,
+    drift: LayeredResult | Released | Dropped | CountedDrift,
+    kind: type[M],
 ) -> list[M]:
     """Create a map of the class `kind` for each layer, and log its water and its frame."""
     clock = Clock(drift)

@@ -9,7 +9,7 @@ import tyro
 
 from ... import drift
 from ..parameters import Days, Limit, Metres, Share, Unit
-from ..study import Study
+from ..study import Study, numbers
 
 
 if TYPE_CHECKING:
@@ -27,6 +27,17 @@ DAY = 86_400.0
 _Degrees: TypeAlias = Annotated[float, Unit("", "deg")]
 Bounds: TypeAlias = tuple[_Degrees, _Degrees, _Degrees, _Degrees]
 """West, south, east and north limits of a region."""
+
+
+def degrees_of(parameter: str, place: str) -> tuple[float, float]:
+    """Parse a place in degrees: `"lon,lat"`, or with hemispheres as in `"90.9W,23.9N"`."""
+    words = []
+    for word, east, west in zip(place.upper().split(","), "EN", "WS", strict=False):
+        sign = "-" if word.endswith(west) else ""
+        words.append(sign + word.strip().rstrip(east + west))
+    expected = '"lon,lat" in degrees, such as "90.9W,23.9N"'
+    lon, lat = numbers(parameter, ",".join(words), ("deg", "deg"), expected)
+    return lon, lat
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
