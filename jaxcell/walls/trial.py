@@ -50,6 +50,8 @@ class Trial(Shown):
     "True if the whole set is in the goal; false without a goal."
     disbelieved: Int[np.ndarray, "robots bumps"]
     "The fewest bumps so far that were not on the map, by the sets."
+    outliers: int
+    "The number of bumps of each robot that were not on the map."
 
 
 def drive_anywhere(
@@ -105,7 +107,7 @@ def drive_anywhere(
         trials.append(driver.drive(place[part], heading[part], bumps))
     sets = trials[0][1]
     arrays = (np.concatenate(parts) for parts in zip(*(rows for rows, _ in trials), strict=True))
-    return Trial(place, sets, *arrays)
+    return Trial(place, sets, *arrays, outliers)
 
 
 def draw_starts(
