@@ -194,7 +194,9 @@ def _events(trial, robot_number):
     """Make the log of a simulated robot, whose only bouncing angle is 135 degrees."""
     turn = math.radians(135)
     runs = trial.run[robot_number].tolist()
-    return tuple({"event": "observation", "observation": 1, "run": run, "turn": turn} for run in runs)
+    return tuple(
+        {"event": "observation", "observation": 1, "run": run, "turn": turn} for run in runs
+    )
 
 
 def test_a_run_with_a_bump_that_is_not_on_the_map_is_not_refuted_and_says_so():
@@ -229,7 +231,9 @@ def test_a_robot_that_begins_again_does_not_stop():
     chair = space.Workspace(HALL.boundary, [[(3.0, 0.8), (3.4, 0.8), (3.4, 1.2), (3.0, 1.2)]])
     errors = walls.Errors(distance=0.05, turn=math.radians(1), displacement=0.06)
     filter = walls.WallFilter.of(HALL, errors=errors, slices=72)
-    settings = robot.AnywhereSettings(filter, (math.radians(70), math.radians(135)), 0.5, restarts=9)
+    settings = robot.AnywhereSettings(
+        filter, (math.radians(70), math.radians(135)), 0.5, restarts=9
+    )
     body = Body(chair, (4.5, 1.0, math.pi))
     outcome = robot.run_anywhere(robot.Walker(DirectBody(body), 1.0), settings, limit=30)
     assert len(outcome.refuted) > 0
