@@ -42,8 +42,6 @@ class Anywhere(Result):
     bounces: Bounces
     radius: Annotated[float, quantity("", "distance within which a robot counts as localized", "m")]
     trial: Trial
-    outliers: int
-    "Number of bumps of each robot that were not on the map."
 
     @property
     def answered(self) -> bool:
@@ -74,13 +72,13 @@ class Anywhere(Result):
     @property
     def _disbelieved(self) -> tuple[str, ...]:
         """A sentence with the number of bumps that the sets had to disbelieve."""
-        if not self.outliers:
+        if not self.trial.outliers:
             return ()
         robots, counts = np.bincount(self.disbelieved, minlength=2), []
         for count in range(1, robots.size):
             share = 100 * robots[count] / self.robots
             counts.append(f"{counted(count, 'bump')} for {share:.3g} % of the robots")
-        unmapped = counted(self.outliers, "random bump")
+        unmapped = counted(self.trial.outliers, "random bump")
         return (
             f"{unmapped} per robot not on the map: sets had to disbelieve {', '.join(counts)}.",
         )
@@ -195,7 +193,7 @@ class Anywhere(Result):
 
     @derived("", "bumps that sets had to disbelieve, in the mean", "1")
     def mean_disbelieved(self) -> float | None:
-        return float(self.disbelieved.mean()) if self.outliers else None
+        return float(self.disbelieved.mean()) if self.trial.outliers else None
 
     @derived("bump", "bumps", kind="coordinate")
     def bump(self) -> Int[np.ndarray, "bumps"]:

@@ -36,6 +36,8 @@ class Trial(Shown):
     sets: tuple[WallSet, ...]
     """The set of possible places of the first robot after each bump, if the fewest bumps were not
     on the map."""
+    outliers: int
+    "The number of bumps of each robot that were not on the map."
     place: Float[np.ndarray, "robots bumps 2"]
     "The place of each bump, in metres."
     heading: Float[np.ndarray, "robots bumps"]
@@ -105,7 +107,7 @@ def drive_anywhere(
         trials.append(driver.drive(place[part], heading[part], bumps))
     sets = trials[0][1]
     arrays = (np.concatenate(parts) for parts in zip(*(rows for rows, _ in trials), strict=True))
-    return Trial(place, sets, *arrays)
+    return Trial(place, sets, outliers, *arrays)
 
 
 def draw_starts(

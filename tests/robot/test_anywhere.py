@@ -188,3 +188,53 @@ def test_a_robot_in_its_room_is_localized_after_the_confirmation():
     assert outcome.reason.endswith(
         f" after {counts[0]} bumps, and {counts[7] - counts[0]} more agreed"
     )
+
+
+def _events(trial, robot_number):
+    """Make the log of a simulated robot, whose only bouncing angle is 135 degrees."""
+    turn = math.radians(135)
+    runs = trial.run[robot_number].tolist()
+    return tuple(
+        {"event": "observation", "observation": 1, "run": run, "turn": turn} for run in runs
+    )
+
+
+def test_a_run_with_a_bump_that_is_not_on_the_map_is_not_refuted_and_says_so():
+    turn = math.radians(135)
+    filter = walls.WallFilter.of(HALL, headings=8, errors=walls.Errors(distance=0.02))
+    trial = walls.drive_anywhere(HALL, filter, [turn], robots=20, bumps=15, headings=8, outliers=1)
+    plain = robot.AnywhereSettings(filter, (turn,), 0.0, confirm=100)
+    relaxed = dataclasses.replace(plain, outliers=1)
+    again = dataclasses.replace(plain, restarts=2)
+    refuted = 0
+    for number in range(20):
+        log = robot.LoggedRun({}, _events(trial, number), True)
+        outcome = robot.replay_anywhere(log, relaxed)
+        first = np.flatnonzero(trial.disbelieved[number]) + 1
+        assert outcome.result == "unfinished"
+        assert outcome.disbelieved == tuple(first[:1].tolist())
+        assert ("disbelieved 1 bump" in outcome.reason) == bool(first.size)
+        assert math.dist(outcome.place, trial.place[number, -1]) <= outcome.extent + 1e-6
+        if first.size:
+            refuted += 1
+            part = dataclasses.replace(log, events=log.events[: first[0]])
+            broken = robot.replay_anywhere(part, plain)
+            assert (broken.result, broken.refuted) == ("refuted", (first[0],))
+            assert f"the run to bump {first[0]} is impossible" in broken.reason
+            goes_on = robot.replay_anywhere(log, again)
+            assert goes_on.refuted == (first[0],)
+            assert f"begun again from everywhere after bump {first[0]}" in goes_on.reason
+    assert refuted > 5
+
+
+def test_a_robot_that_begins_again_does_not_stop():
+    chair = space.Workspace(HALL.boundary, [[(3.0, 0.8), (3.4, 0.8), (3.4, 1.2), (3.0, 1.2)]])
+    errors = walls.Errors(distance=0.05, turn=math.radians(1), displacement=0.06)
+    filter = walls.WallFilter.of(HALL, errors=errors, slices=72)
+    settings = robot.AnywhereSettings(
+        filter, (math.radians(70), math.radians(135)), 0.5, restarts=9
+    )
+    body = Body(chair, (4.5, 1.0, math.pi))
+    outcome = robot.run_anywhere(robot.Walker(DirectBody(body), 1.0), settings, limit=30)
+    assert len(outcome.refuted) > 0
+    assert len(outcome.observations) == 30 or outcome.result == "localized"

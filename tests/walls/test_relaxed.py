@@ -102,3 +102,34 @@ def test_a_filter_without_outliers_is_refused():
     plain = walls.WallFilter.of(space.Workspace.load(bundled("lab_b")), headings=8)
     with pytest.raises(ValueError, match="outliers: expected at least 1"):
         walls.RelaxedFilter(plain, outliers=0)
+
+
+@pytest.mark.parametrize("outliers", [1, 2])
+def test_a_trial_holds_robots_with_random_bumps_that_are_not_on_the_map(outliers):
+    room = space.Workspace.load(bundled("lab_b"))
+    plain = walls.WallFilter.of(room, headings=8, errors=walls.Errors(run=0.01, distance=0.02))
+    goal = walls.Homing(plain, (3.0, 4.5), 1.0, (math.radians(45), ANGLE))
+    trial = walls.drive_anywhere(
+        room, plain, goal.angles, robots=40, bumps=20, headings=8, goal=goal, outliers=outliers
+    )
+    assert trial.held.all()
+    assert (np.diff(trial.disbelieved, axis=1) >= 0).all()
+    assert set(trial.disbelieved[:, -1]) == set(range(outliers + 1))
+    away = np.hypot(*(trial.place - goal.goal).transpose(2, 0, 1))
+    assert trial.arrived.any()
+    assert (away[trial.arrived] <= goal.radius).all()
+
+
+def test_the_likeliest_places_disbelieve_the_fewest_bumps():
+    room = space.Workspace.load(bundled("lab_b"))
+    plain = walls.WallFilter.of(room, headings=8, errors=walls.Errors(distance=0.02))
+    relaxed = walls.RelaxedFilter(plain, outliers=1)
+    state, sets = None, None
+    for run in (1.0, 2.0, 1.5):
+        state, sets = relaxed.observe(state, run), plain.observe(sets, run)
+        likely = walls.likeliest(state, 1)
+        if sets.wall.size:
+            assert all(map(np.array_equal, likely, sets))
+        else:
+            assert relaxed.disbelieved(state, 1)[0] > 0
+        state, sets = relaxed.turn(state, ANGLE), plain.turn(sets, ANGLE)

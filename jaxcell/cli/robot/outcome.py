@@ -110,9 +110,11 @@ def _replayed(run: LoggedRun, file: Path | None) -> RunOutcome:
             return replay_follower(run, task.follower(confirm=confirm))
         case AnywhereTask() as task:
             fields = Fields(run.header, "")
-            chosen = {name: fields.whole(name, 0, 2**31) for name in ANYWHERE if name in run.header}
-            settings = dataclasses.replace(task.settings, **{"confirm": 0} | chosen)
-            return replay_anywhere(run, settings)
+            chosen: dict[str, Any] = {"confirm": 0}
+            for name in ANYWHERE:
+                if name in run.header:
+                    chosen[name] = fields.whole(name, 0, 2**31)
+            return replay_anywhere(run, dataclasses.replace(task.settings, **chosen))
         case PatrolTask() as task:
             return replay_patrol(run, task)
     raise ValueError(f"kind: expected filter, policy, belief, plan, team or patrol, got {kind!r}")

@@ -178,7 +178,6 @@ class AnywhereStudy(RobotStudy):
             radius = cells.cell / 2 if goal is None else goal[1]
         driven: dict[str, Any] = {"cells": cells, "filter": filter, "bounces": angles}
         driven |= {"radius": radius, "trial": trial, "headings": headings}
-        driven["outliers"] = self.outliers
         if homing is None:
             return bouncing.Anywhere(**driven)
         planned = _planned(cells, angles, trial, homing.goal)
