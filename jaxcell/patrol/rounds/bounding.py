@@ -6,6 +6,7 @@ import numpy as np
 import scipy.sparse.csgraph
 
 from .game import Game
+from .joint import least_risk, safe_routes
 from .mixing import mix
 from .subsets import MOST_ROBOTS, MOST_SUBSETS, closed_tours, membership, of_several, open_walks
 
@@ -25,6 +26,8 @@ class Bound(NamedTuple):
     risk relative to the largest value."""
     exact: bool
     "`True` if all sets of targets were compared; otherwise the bounds are from spanning trees."
+    preventable: bool | None = None
+    "Whether a joint schedule stops every attack; `None` if not all schedules were compared."
 
 
 def bound(game: Game) -> Bound:
@@ -34,16 +37,24 @@ def bound(game: Game) -> Bound:
     length. For up to 14 targets and 4 robots, the sets of targets on such walks are computed, and
     a linear program mixes them; otherwise the number of targets on walks is bounded by the shortest
     edges of a spanning tree. One robot needs the shortest closed tour between visits to a target.
+    In small games with whole times all joint schedules are compared, by [`safe_routes`][] and
+    [`least_risk`][]; then no bound on the capture is lower for a blind adversary.
 
     One robot on a cycle of four vertices, where attacks take 3 steps:
 
         >>> from jaxcell import patrol
         >>> cycle = patrol.Graph([(i, (i + 1) % 4) for i in range(4)])
         >>> patrol.rounds.bound(patrol.rounds.Game.of(cycle, 3.0))
-        Bound(between=4.0, capture=1.0, exact=True)
+        Bound(between=4.0, capture=1.0, exact=True, preventable=False)
     """
     few = game.targets.size <= MOST_SUBSETS and game.robots <= MOST_ROBOTS
-    return _by_subsets(game) if few else _by_trees(game)
+    found = _by_subsets(game) if few else _by_trees(game)
+    safe = safe_routes(game)
+    if safe is None or safe:
+        return found._replace(preventable=None if safe is None else True)
+    least = least_risk(game)
+    capture = found.capture if least is None else 1 - least.risk / float(game.value.max())
+    return found._replace(capture=min(found.capture, capture), preventable=False)
 
 
 def _by_subsets(game: Game) -> Bound:

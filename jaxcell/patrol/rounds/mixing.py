@@ -1,6 +1,8 @@
 """Mixtures of rounds, one after another, for an adversary who comes at a random time."""
 
-from collections.abc import Sequence
+import dataclasses
+import functools
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -9,6 +11,7 @@ from jaxtyping import Float
 
 from .evaluation import evaluate_followed
 from .game import Game
+from .joint import least_risk, safe_routes
 from .route import Route
 from .search import Rounds, best_rounds, rounds_of, spaced
 from .subsets import MOST_ROBOTS, MOST_SUBSETS, best_division, closed_tours, membership
@@ -56,12 +59,12 @@ def mix(capture: Float[np.ndarray, "patrols targets"], value: Float[np.ndarray, 
 def best_routes(game: Game) -> tuple[Route, ...]:
     """Search for routes of robots with the least risk.
 
-    These are the routes of [`best_rounds`][]. For an adversary who comes at a random time, robots
-    also stay at some targets of their tours while others are not late. For up to 14 targets and 2
-    robots, or 11 targets and 4 robots, rounds through some of the targets are repeated in turn,
-    each for a share of a long period, if the risk is then less by 5 % of the largest value. The
-    shares solve a linear program, whose rounds are found one by one, by their capture at its
-    prices.
+    These are the routes of [`best_rounds`][] or, if an attack on them succeeds, those of
+    [`safe_routes`][] where some exist. For an adversary who comes at a random time, robots
+    also stay at some targets of their tours while others are not late. In small games the optimum
+    of [`least_risk`][] is followed; otherwise, for up to 14 targets and 2 robots, or 11 targets and
+    4 robots, rounds through some of the targets. Several rounds are repeated in turn, each for a
+    share of a long period, if the risk is then less by 5 % of the largest value.
 
     **Arguments:** the game. **Returns:** a route for each robot. **Raises:** `ValueError` if there
     are fewer robots than parts of the graph.
@@ -77,22 +80,46 @@ def best_routes(game: Game) -> tuple[Route, ...]:
         ([0.833, 0.833], [0.507, 0.507])
     """
     found = best_rounds(game)
-    best, risk = found.routes, float(found.evaluation.risk(game).max())
-    if game.adversary == "blind" and risk > 0:
-        best, risk = _with_stays(found, risk)
-    few = game.robots <= MOST_ROBOTS
-    few = few and game.targets.size <= (MOST_SUBSETS if game.robots <= 2 else _DIVIDED)
-    if game.adversary != "blind" or not few or game.components[0] > 1 or risk <= 0:
+    best, risk = _safest(game, found.routes, float(found.evaluation.risk(game).max()))
+    if game.adversary != "blind" or risk <= 0:
         return best
-    rounds, shares, limit = _mixture(game, found)
+    if best is found.routes:
+        best, risk = _with_stays(found, risk)
     most = float(game.value.max())
     enough, turns = risk - _GAIN * most, best
+    follow: Callable[[int], tuple[Route, ...]]
+    if (least := least_risk(game)) is not None:
+        limit, follow = least.risk, functools.partial(least.routes, game)
+        if len(least.cycles) == 1:
+            enough = risk - _SAME * most
+    else:
+        few = game.targets.size <= (MOST_SUBSETS if game.robots <= 2 else _DIVIDED)
+        if game.robots > MOST_ROBOTS or not few or game.components[0] > 1:
+            return best
+        rounds, shares, limit = _mixture(game, found)
+        follow = functools.partial(_alternated, game, rounds, shares)
     for period in _PERIODS if limit < enough else ():
-        turns = _alternated(game, rounds, shares, period)
+        turns = follow(period)
         risk = float(evaluate_followed(game, turns).risk(game).max())
         if risk <= limit + _LOSS * most:
             break
     return turns if risk < enough else best
+
+
+def _safest(game: Game, routes: tuple[Route, ...], risk: float) -> tuple[tuple[Route, ...], float]:
+    """Take joint schedules by which no attack on the most valuable targets succeeds, if better."""
+    for level in np.append(0.0, np.unique(game.value)):
+        if level >= risk:
+            break
+        kept = game.value > level
+        part = dataclasses.replace(
+            game, targets=game.targets[kept], attack=game.attack[kept], value=game.value[kept]
+        )
+        if safe := safe_routes(part if level else game):
+            if (lower := float(evaluate_followed(game, safe).risk(game).max())) < risk:
+                return safe, lower
+            break
+    return routes, risk
 
 
 def _with_stays(found: Rounds, risk: float) -> tuple[tuple[Route, ...], float]:
