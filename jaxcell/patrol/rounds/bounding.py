@@ -27,7 +27,7 @@ class Bound(NamedTuple):
     exact: bool
     "`True` if all sets of targets were compared; otherwise the bounds are from spanning trees."
     preventable: bool | None = None
-    "Whether a joint schedule stops every attack; `None` if not all schedules were compared."
+    "`True` if a joint schedule stops every attack, `False` if none does, `None` if unknown."
 
 
 def bound(game: Game) -> Bound:
@@ -45,7 +45,7 @@ def bound(game: Game) -> Bound:
         >>> from jaxcell import patrol
         >>> cycle = patrol.Graph([(i, (i + 1) % 4) for i in range(4)])
         >>> patrol.rounds.bound(patrol.rounds.Game.of(cycle, 3.0))
-        Bound(between=4.0, capture=1.0, exact=True, preventable=False)
+        Bound(between=4.0, capture=0.75, exact=True, preventable=False)
     """
     few = game.targets.size <= MOST_SUBSETS and game.robots <= MOST_ROBOTS
     found = _by_subsets(game) if few else _by_trees(game)
@@ -53,7 +53,7 @@ def bound(game: Game) -> Bound:
     if safe is None or safe:
         return found._replace(preventable=None if safe is None else True)
     least = least_risk(game)
-    capture = found.capture if least is None else 1 - least.risk / float(game.value.max())
+    capture = found.capture if least is None else 1 - least / float(game.value.max())
     return found._replace(capture=min(found.capture, capture), preventable=False)
 
 

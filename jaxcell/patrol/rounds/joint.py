@@ -6,13 +6,12 @@ whose times between visits exceed no attack that they did not exceed before. Ove
 this rounding the exposures are those of the first schedule, too.
 """
 
-import collections
 import functools
 import itertools
 import math
 from collections.abc import Iterator
 from fractions import Fraction
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import scipy.optimize
@@ -27,8 +26,6 @@ from .route import Route
 _STATES, _ROBOT = 300_000, 4
 # Largest number of moves between states in a linear program for the least risk.
 _MOVES = 12_000
-# The least share of the time of a move in a cycle, and its relative rounding error.
-_SHARE = 1e-7
 # Largest denominator of times relative to the first one, and largest number of units in a time.
 _DENOMINATOR, _UNITS = 1000, 200
 # Relative rounding error of a time.
@@ -222,122 +219,45 @@ def _route(game: Game, at: Int[np.ndarray, "moments"], unit: float) -> Route:
     return Route(vertex[order], arrive[order], (arrive + stays)[order], period)
 
 
-class LeastRisk(NamedTuple):
-    """The least risk of all strategies for an adversary who comes at a random time."""
+def least_risk(game: Game) -> float | None:
+    """Compute the least risk of all strategies for an adversary who comes at a random time.
 
-    risk: float
-    cycles: tuple[_Path, ...]
-    "Paths of states that return to their first state, one after another with this risk."
-    shares: tuple[float, ...]
-    "The share of the time for each."
-    after: dict[_State, _Path]
-    clock: _Clock
+    The variables of a linear program are the shares of time for moves between the states of
+    [`safe_routes`][], whose sum into a state is that out of it. The risk is the largest value of a
+    target times the share of units in which an attack begins that succeeds.
 
-    def routes(self, game: Game, periods: int) -> tuple[Route, ...]:
-        """Repeat each cycle for its share of a period.
-
-        The period is some times as long as the longest cycle, and a way there and back."""
-        longest = max(one for row in self.clock.lasts for one in row if one < math.inf)
-        whole = periods * max(2 * int(longest), *map(len, self.cycles))
-        path = [self.cycles[0][0]]
-        for cycle, share in zip(self.cycles, self.shares, strict=True):
-            path += self._between(path[-1][0], cycle[0][0])
-            once = len(self.cycles) == 1
-            path += cycle[1:] * (1 if once else max(1, round(share * whole / (len(cycle) - 1))))
-        path += self._between(path[-1][0], path[0][0])
-        return _routes(game, self.clock, path)
-
-    def _between(self, begin: _State, end: _State) -> _Path:
-        """Find the shortest path from one state to the places of another."""
-        before: dict[_State, tuple[_State, tuple[int, ...]] | None] = {begin: None}
-        queue = collections.deque([begin])
-        while (here := queue.popleft())[0] != end[0]:
-            for state, order in self.after[here]:
-                if state not in before:
-                    before[state] = here, order
-                    queue.append(state)
-        path = []
-        while (step := before[here]) is not None:
-            path.append((here, step[1]))
-            here = step[0]
-        return path[::-1]
-
-
-@functools.lru_cache(maxsize=4)
-def least_risk(game: Game) -> LeastRisk | None:
-    """Compute the least risk of all strategies by a linear program over moves of all robots.
-
-    The variables are the shares of time for moves between the states of [`safe_routes`][], whose
-    sum into a state is that out of it. The risk is the largest value of a target times the share of
-    units in which an attack begins that succeeds. Cycles of the optimum are returned.
-
-    **Returns:** the optimum, or `None` if times have no common unit, or there are too many moves.
+    **Returns:** the risk, or `None` if times have no common unit, or there are too many moves.
     """
     if game.components[0] > 1 or (clock := clock_of(game)) is None:
         return None
-    after: dict[_State, _Path] = {}
-    stack, count = list(clock.starts())[:1], 0
+    after: dict[_State, list[_State]] = {}
+    stack, count = [next(clock.starts())], 0
     while stack:
         if (state := stack.pop()) not in after:
-            after[state] = list(clock.after(state))
-            stack += [one for one, _ in after[state]]
+            after[state] = [one for one, _ in clock.after(state)]
+            stack += after[state]
             count += len(after[state])
             if count > _MOVES:
                 return None
-    states = {state: number for number, state in enumerate(after)}
-    moves = [(states[state], states[one[0]], one) for state in after for one in after[state]]
-    begins, ends = (np.array([move[k] for move in moves]) for k in (0, 1))
-    column, ones = np.arange(count), np.ones(count)
+    number = {state: k for k, state in enumerate(after)}
+    begins = np.repeat(np.arange(len(after)), [len(each) for each in after.values()])
+    ends = np.array([number[state] for each in after.values() for state in each])
+    late = np.array([left for _, left in after])[begins] == 0
+    ones, column = np.ones(count), np.arange(count)
     balance = scipy.sparse.csr_array(
         (np.append(ones, -ones), (np.append(begins, ends), np.tile(column, 2))),
-        (len(states), count + 1),
+        (len(after), count + 1),
     )
-    late = np.array([state[1] for state in states]).T[:, begins] == 0
-    rows = np.append(late * game.value[:, None], -np.ones((game.value.size, 1)), axis=1)
-    total = np.append(ones, 0.0)[None]
+    rows = np.append(late.T * game.value[:, None], -np.ones((game.value.size, 1)), axis=1)
+    total = np.append(ones, 0.0)
     found = scipy.optimize.linprog(
-        1 - total[0],
+        1 - total,
         rows,
         np.zeros(game.value.size),
-        scipy.sparse.vstack([balance, total], format="csr"),
-        np.append(np.zeros(len(states)), 1.0),
+        scipy.sparse.vstack([balance, total[None]], format="csr"),
+        np.append(np.zeros(len(after)), 1.0),
         method="highs",
     )
     if not found.success:
         raise RuntimeError(f"the least risk: {found.message}")
-    cycles, shares = _cycles(begins, ends, found.x[:-1])
-    every = list(states)
-    paths = [
-        [(every[begins[cycle[0]]], (0,)), *(moves[move][2] for move in cycle)] for cycle in cycles
-    ]
-    return LeastRisk(float(found.fun), tuple(paths), shares, after, clock)
-
-
-def _cycles(
-    begins: Int[np.ndarray, "moves"], ends: Int[np.ndarray, "moves"], flow: np.ndarray
-) -> tuple[list[list[int]], tuple[float, ...]]:
-    """Divide a circulation into cycles of moves, and return the share of time for each."""
-    flow = flow.copy()
-    cycles, shares = [], []
-    while flow.max() > _SHARE:
-        leaving: dict[Any, int] = {}
-        for one in np.argsort(flow, kind="stable").tolist():
-            if flow[one] > _SHARE:
-                leaving[begins[one]] = one
-        walked: dict[Any, int] = {}
-        path: list[int] = []
-        move: int | None = int(flow.argmax())
-        while move is not None and begins[move] not in walked:
-            walked[begins[move]] = len(path)
-            path.append(move)
-            move = leaving.get(ends[move])
-        if move is None:
-            # The rest is rounding error.
-            flow[path[-1]] = 0.0
-            continue
-        cycle = path[walked[begins[move]] :]
-        least = float(flow[cycle].min())
-        flow[cycle] -= least
-        cycles.append(cycle)
-        shares.append(least * len(cycle))
-    return cycles, tuple(shares)
+    return float(found.fun)

@@ -1,8 +1,7 @@
 """Mixtures of rounds, one after another, for an adversary who comes at a random time."""
 
 import dataclasses
-import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +10,7 @@ from jaxtyping import Float
 
 from .evaluation import evaluate_followed
 from .game import Game
-from .joint import least_risk, safe_routes
+from .joint import safe_routes
 from .route import Route
 from .search import Rounds, best_rounds, rounds_of, spaced
 from .subsets import MOST_ROBOTS, MOST_SUBSETS, best_division, closed_tours, membership
@@ -60,11 +59,12 @@ def best_routes(game: Game) -> tuple[Route, ...]:
     """Search for routes of robots with the least risk.
 
     These are the routes of [`best_rounds`][] or, if an attack on them succeeds, those of
-    [`safe_routes`][] where some exist. For an adversary who comes at a random time, robots
-    also stay at some targets of their tours while others are not late. In small games the optimum
-    of [`least_risk`][] is followed; otherwise, for up to 14 targets and 2 robots, or 11 targets and
-    4 robots, rounds through some of the targets. Several rounds are repeated in turn, each for a
-    share of a long period, if the risk is then less by 5 % of the largest value.
+    [`safe_routes`][] where some exist. For an adversary who comes at a random time, robots also
+    stay at some targets of their tours while others are not late. For up to 14 targets and 2
+    robots, or 11 targets and 4 robots, rounds through some of the targets are repeated in turn,
+    each for a share of a long period, if the risk is then less by 5 % of the largest value. The
+    shares solve a linear program, whose rounds are found one by one, by their capture at its
+    prices.
 
     **Arguments:** the game. **Returns:** a route for each robot. **Raises:** `ValueError` if there
     are fewer robots than parts of the graph.
@@ -81,25 +81,17 @@ def best_routes(game: Game) -> tuple[Route, ...]:
     """
     found = best_rounds(game)
     best, risk = _safest(game, found.routes, float(found.evaluation.risk(game).max()))
-    if game.adversary != "blind" or risk <= 0:
-        return best
-    if best is found.routes:
+    if game.adversary == "blind" and risk > 0 and best is found.routes:
         best, risk = _with_stays(found, risk)
+    few = game.robots <= MOST_ROBOTS
+    few = few and game.targets.size <= (MOST_SUBSETS if game.robots <= 2 else _DIVIDED)
+    if game.adversary != "blind" or not few or game.components[0] > 1 or risk <= 0:
+        return best
+    rounds, shares, limit = _mixture(game, found)
     most = float(game.value.max())
     enough, turns = risk - _GAIN * most, best
-    follow: Callable[[int], tuple[Route, ...]]
-    if (least := least_risk(game)) is not None:
-        limit, follow = least.risk, functools.partial(least.routes, game)
-        if len(least.cycles) == 1:
-            enough = risk - _SAME * most
-    else:
-        few = game.targets.size <= (MOST_SUBSETS if game.robots <= 2 else _DIVIDED)
-        if game.robots > MOST_ROBOTS or not few or game.components[0] > 1:
-            return best
-        rounds, shares, limit = _mixture(game, found)
-        follow = functools.partial(_alternated, game, rounds, shares)
     for period in _PERIODS if limit < enough else ():
-        turns = follow(period)
+        turns = _alternated(game, rounds, shares, period)
         risk = float(evaluate_followed(game, turns).risk(game).max())
         if risk <= limit + _LOSS * most:
             break
@@ -224,6 +216,7 @@ def _alternated(
         for robot, (one, other) in enumerate(zip(order.tolist(), following.tolist(), strict=True)):
             times = [(v, now + a, now + b) for v, a, b in phase[one]]
             leaves = now + lasts + after[other][0][1] - float(takes[robot, other])
+            leaves = max(leaves, times[-1][1])
             times[-1] = (*times[-1][:2], leaves)
             visits[robot] += times
             if ends[robot] != begins[other]:
