@@ -224,9 +224,7 @@ class Guarded(Result):
             return ""
         if bound.preventable is False:
             return "All schedules were compared: none stops every attack."
-        if bound.preventable:
-            return "Some schedule stops every attack: `jaxcell patrol guard` finds it."
-        if game.robots == 1 and not np.ptp(game.attack):
+        if bound.preventable or (game.robots == 1 and not np.ptp(game.attack)):
             return ""
         return "Not all schedules were compared: another one may stop every attack."
 

@@ -26,6 +26,8 @@ from .route import Route
 _STATES, _ROBOT = 300_000, 4
 # Largest number of moves between states in a linear program for the least risk.
 _MOVES = 12_000
+# Largest numbers of walks of all robots, and of moments that an adversary sees, and of bisections.
+_WALKS, _SEEN, _HALVED = 1000, 8, 10
 # Largest denominator of times relative to the first one, and largest number of units in a time.
 _DENOMINATOR, _UNITS = 1000, 200
 # Relative rounding error of a time.
@@ -70,16 +72,11 @@ class _Clock(NamedTuple):
             if there not in seen:
                 seen.add(there)
                 at = {target for target, more in there if not more}
-                yield (
-                    (
-                        there,
-                        tuple(
-                            self.attack[target] if target in at else max(0, one - 1)
-                            for target, one in enumerate(left)
-                        ),
-                    ),
-                    order,
+                now = tuple(
+                    self.attack[target] if target in at else max(0, one - 1)
+                    for target, one in enumerate(left)
                 )
+                yield (there, now), order
 
     def starts(self) -> Iterator[_State]:
         """Yield states with all robots at targets, and all targets as if just visited."""
@@ -98,31 +95,19 @@ def clock_of(game: Game) -> _Clock | None:
         ratios = [Fraction(t / times[0]).limit_denominator(_DENOMINATOR) for t in times.tolist()]
         unit = times[0] / math.lcm(*(ratio.denominator for ratio in ratios))
         attack = game.attack / unit
-    if times.max() > _UNITS * unit or attack.min() < 1:
+    even = game.whole or np.allclose(times / unit, np.rint(times / unit), 0, 1e-6)
+    if times.max() > _UNITS * unit or times.min() < unit / 2 or attack.min() < 1 or not even:
         return None
-    if not np.allclose(times / unit, np.rint(times / unit), 0, 1e-6) and not game.whole:
-        return None
-    whole = np.where(np.isfinite(between), between / unit, 0).round().astype(int)
-    ways = []
-    for here, row in enumerate(whole):
-        near = [
-            (there, int(lasts) - 1)
-            for there, lasts in enumerate(row.tolist())
-            if lasts
-            and not any(
-                row[other] and whole[other, there] and row[other] + whole[other, there] == lasts
-                for other in range(len(row))
-                if other not in (here, there)
-            )
-        ]
-        ways.append(tuple(near))
-    return _Clock(
-        unit,
-        tuple(ways),
-        tuple(attack.round().astype(int).tolist()),
-        game.robots,
-        tuple(map(tuple, np.where(np.isfinite(between), whole, np.inf).tolist())),
+    lasts = np.rint(between / unit)
+    away = lasts + np.diag(np.full(len(lasts), np.inf))
+    # No other target is on the way.
+    direct = away < (away[:, :, None] + away[None]).min(axis=1)
+    ways = tuple(
+        tuple((there, int(row[there]) - 1) for there in np.flatnonzero(only).tolist())
+        for row, only in zip(away, direct, strict=True)
     )
+    whole = tuple(attack.round().astype(int).tolist())
+    return _Clock(unit, ways, whole, game.robots, tuple(map(tuple, lasts.tolist())))
 
 
 @functools.lru_cache(maxsize=4)
@@ -136,8 +121,7 @@ def safe_routes(game: Game) -> tuple[Route, ...] | None:
     **Returns:** the routes, without any if there are none, which is proved by the search; `None` if
     times have no common unit, or there are too many states.
     """
-    clock = clock_of(game)
-    if clock is None:
+    if (clock := clock_of(game)) is None:
         return None
     dead: dict[_Places, list[tuple[int, ...]]] = {}
     states = 0
@@ -171,13 +155,12 @@ def safe_routes(game: Game) -> tuple[Route, ...] | None:
 
 def _by_time_left(clock: _Clock, state: _State) -> Iterator[tuple[_State, tuple[int, ...]]]:
     """Return the states after a state, first those with much time left at the worst target."""
-    share = clock.attack
-    return iter(
-        sorted(
-            (one for one in clock.after(state) if min(one[0][1]) and clock.in_time(one[0])),
-            key=lambda one: -min(a / b for a, b in zip(one[0][1], share, strict=True)),
-        )
-    )
+
+    def least(one: tuple[_State, tuple[int, ...]]) -> float:
+        return min(a / b for a, b in zip(one[0][1], clock.attack, strict=True))
+
+    after = (one for one in clock.after(state) if min(one[0][1]) and clock.in_time(one[0]))
+    return iter(sorted(after, key=least, reverse=True))
 
 
 def _within(less: tuple[int, ...], more: tuple[int, ...]) -> bool:
@@ -208,9 +191,8 @@ def _route(game: Game, at: Int[np.ndarray, "moments"], unit: float) -> Route:
     for begin, after in zip(begins.tolist(), np.roll(begins, -1).tolist(), strict=True):
         lasts = int(np.argmax(np.roll(at, -begin) != at[begin])) - 1
         visits.append((game.targets[at[begin]], begin * unit, (begin + lasts) * unit))
-        vertex, times, takes = game.walk(at[[begin, after]])
-        takes = float(game.between[at[begin], at[after]])
-        way = (times > 0) & (times < takes)
+        vertex, times, _ = game.walk(at[[begin, after]])
+        way = (times > 0) & (times < game.between[at[begin], at[after]])
         passed = visits[-1][2] + times[way]
         visits += zip(vertex[way].tolist(), passed.tolist(), passed.tolist(), strict=True)
     vertex, arrive, leave = (np.array(column) for column in zip(*visits, strict=True))
@@ -261,3 +243,59 @@ def least_risk(game: Game) -> float | None:
     if not found.success:
         raise RuntimeError(f"the least risk: {found.message}")
     return float(found.fun)
+
+
+def watched_risk(game: Game) -> float | None:
+    """Bound the risk of all strategies, also random ones, for an adversary who sees the robots.
+
+    He sees their places at the last moments, as many as a linear program has room for. Its
+    variables are the shares of moments at which robots walk each way in these and in the moments of
+    an attack; shares without the first moment are those without the last one. Given what he sees,
+    each attack must be stopped often enough; the risk for which this is possible is bisected.
+
+    **Returns:** the bound; it is the optimum if he sees no more. `None` as in [`least_risk`][].
+    """
+    if game.components[0] > 1 or (clock := clock_of(game)) is None:
+        return None
+    every = [next(clock.starts())[0]]
+    number, near = {every[0]: 0}, []
+    for places in every:
+        after = [there for (there, _), _ in clock.after((places, clock.attack))]
+        near.append([number.setdefault(there, len(number)) for there in after])
+        every += list(number)[len(every) :]
+        if len(every) > _WALKS:
+            return None
+    visited = np.array([[(t, 0) in places for t in range(game.targets.size)] for places in every])
+    walks, longest = np.arange(len(every))[:, None], max(clock.attack)
+    while walks.shape[1] < longest + _SEEN:
+        more = [near[end] for end in walks[:, -1].tolist()]
+        if sum(map(len, more)) > _WALKS:
+            break
+        walks = np.repeat(walks, list(map(len, more)), axis=0)
+        walks = np.append(walks, np.concatenate(more)[:, None], axis=1)
+    if (seen := walks.shape[1] - longest) < 1:
+        return None
+    caught = np.array(
+        [visited[walks[:, seen : seen + a], t].any(axis=1) for t, a in enumerate(clock.attack)]
+    )
+    ends = np.unique(np.append(walks[:, :-1], walks[:, 1:], axis=0), axis=0, return_inverse=True)[1]
+    before = np.unique(walks[:, :seen], axis=0, return_inverse=True)[1]
+    count, ones = len(walks), np.ones(len(walks))
+    rows = np.append(ends.ravel(), np.full(count, ends.max() + 1))
+    signs, column = np.concatenate([ones, -ones, ones]), np.arange(count)
+    balance = scipy.sparse.csr_array((signs, (rows, np.tile(column, 3))))
+    each = before.ravel() + np.arange(game.value.size)[:, None] * (before.max() + 1)
+    low, high = 0.0, float(game.value.max())
+    for _ in range(_HALVED):
+        risk = (low + high) / 2
+        missing = (1 - risk / game.value)[:, None] - caught
+        late = scipy.sparse.csr_array(
+            (missing.ravel(), (each.ravel(), np.tile(column, game.value.size)))
+        )
+        total = np.append(np.zeros(int(ends.max()) + 1), 1.0)
+        found = scipy.optimize.linprog(0 * ones, late, np.zeros(late.shape[0]), balance, total)
+        if found.status == 2:
+            low = risk
+        else:
+            high = risk
+    return low

@@ -1,13 +1,15 @@
 """Joint schedules of robots against own searches and own linear programs over all schedules."""
 
+import dataclasses
 import itertools
 
 import networkx as nx
 import numpy as np
 import pytest
+import scipy.optimize
 from patrolled_rounds import least_risk, waits
 
-from jaxcell.patrol import Graph
+from jaxcell.patrol import Graph, maximin_capture
 from jaxcell.patrol.rounds import Game, Guarded, best_rounds, best_routes, bound, evaluate
 
 
@@ -112,3 +114,66 @@ def test_answer_says_whether_all_schedules_were_compared():
     answer = Guarded.of(game, routes, bound=bound(game)._replace(capture=1.0)).answer
     shown = "Not all schedules were compared: another one may stop every attack." in answer
     assert shown == (evaluate(game, routes).exposure.max() > 0)
+
+
+def most_against_recent(near, attack, seen):
+    """Compute the capture by the best random walk if an adversary sees its last `seen` vertices.
+
+    The variables are the shares of all walks as long as what he sees and an attack.
+    """
+    steps = range(seen + attack - 1)
+    walks = [
+        walk
+        for walk in itertools.product(range(len(near)), repeat=seen + attack)
+        if all(walk[k + 1] in near[walk[k]] for k in steps)
+    ]
+    ends = sorted({walk[:-1] for walk in walks} | {walk[1:] for walk in walks})
+    balance = np.array([[(w[:-1] == e) - 1.0 * (w[1:] == e) for w in walks] for e in ends])
+    balance = np.append(balance, np.ones((1, len(walks))), axis=0)
+    pairs = [(w, v) for w in sorted({walk[:seen] for walk in walks}) for v in range(len(near))]
+    total = np.append(np.zeros(len(ends)), 1.0)
+    low, high = 0.0, 1.0
+    while high - low > 1e-3:
+        tried = (low + high) / 2
+        missing = [
+            [(tried - (v in walk[seen:])) * (walk[:seen] == begin) for walk in walks]
+            for begin, v in pairs
+        ]
+        late = np.array(missing, float)
+        zero = np.zeros(len(walks))
+        found = scipy.optimize.linprog(zero, late, np.zeros(len(late)), balance, total)
+        low, high = (low, tried) if found.status == 2 else (tried, high)
+    return high
+
+
+@pytest.mark.parametrize(
+    ("graph", "attack"),
+    [
+        (nx.complete_graph(3), 2),
+        (nx.cycle_graph(4), 2),
+        (nx.path_graph(3), 2),
+        (nx.path_graph(3), 3),
+        (nx.DiGraph([(0, 1), (1, 2), (2, 0), (1, 0)]), 2),
+    ],
+)
+def test_watcher_is_bounded_by_the_best_answers_to_one_who_sees_less(graph, attack):
+    near = [[v, *graph[v]] for v in range(len(graph))]
+    game = Game.of(graph, float(attack), adversary="watcher")
+    limit = bound(game).capture
+    for seen in (1, 2):
+        assert limit <= most_against_recent(near, attack, seen) + 2e-3
+    if not graph.is_directed():
+        edges = Graph(list(graph.edges))
+        assert (
+            limit >= maximin_capture(edges, attack, stay=True, memory=2, throw=False).value - 1e-6
+        )
+    blind = bound(dataclasses.replace(game, adversary="blind")).capture
+    assert limit <= blind
+
+
+def test_watcher_of_a_path_is_met_by_random_walks_up_to_the_bound():
+    game = Game.of(Graph([[0, 1], [1, 2]]), 3.0, adversary="watcher")
+    known = maximin_capture(Graph([[0, 1], [1, 2]]), 3, stay=True, memory=2, throw=False).value
+    assert known == pytest.approx(bound(game).capture, abs=2e-3)
+    answer = Guarded.of(game, best_routes(game), bound=bound(game)).answer
+    assert any("None stops more than 58.6 % of attacks" in line for line in answer)
