@@ -3,6 +3,7 @@
 import itertools
 
 import numpy as np
+import scipy.optimize
 
 
 def waits(routes, target, moments, laps=3):
@@ -59,3 +60,41 @@ def least_longest(graph, robots):
     """The least possible longest time between visits, in steps; robots may wait."""
     near = [[v, *graph[v]] for v in range(len(graph))]
     return next(n for n in itertools.count(1) if can_be_visited(near, robots, n))
+
+
+def least_risk(edges, attack, value, robots=1):
+    """Compute the least risk of all strategies; edges have whole times, and all is a target."""
+    after = {v: [v] for v in range(len(attack))}
+    for a, b, time in [*edges, *((b, a, time) for a, b, time in edges)]:
+        place = a
+        for _ in range(time - 1):
+            new = len(after)
+            after[place].append(new)
+            after[new], place = [], new
+        after[place].append(b)
+    first = (0,) * robots, tuple(attack)
+    number, moves, stack = {first: 0}, [], [first]
+    while stack:
+        at, ages = state = stack.pop()
+        for there in itertools.product(*(after[place] for place in at)):
+            # The part of the next unit of time in which an attack is over, and no robot is there.
+            late = [float(age >= a) for age, a in zip(ages, attack, strict=True)]
+            late = [0.0 if v in at else one for v, one in enumerate(late)]
+            grown = tuple(
+                0 if v in there else min(age + 1, attack[v]) for v, age in enumerate(ages)
+            )
+            key = tuple(sorted(there)), grown
+            if key not in number:
+                number[key] = len(number)
+                stack.append(key)
+            moves.append((number[state], number[key], late))
+    begins, ends = (np.array([move[k] for move in moves]) for k in (0, 1))
+    balance = np.zeros((len(number) + 1, len(moves) + 1))
+    np.add.at(balance, (begins, np.arange(len(moves))), 1.0)
+    np.add.at(balance, (ends, np.arange(len(moves))), -1.0)
+    balance[-1, :-1] = 1.0
+    rows = np.array([move[2] for move in moves]).T * np.array(value)[:, None]
+    rows = np.append(rows, -np.ones((len(attack), 1)), axis=1)
+    cost = np.append(np.zeros(len(moves)), 1.0)
+    total = np.append(np.zeros(len(number)), 1.0)
+    return scipy.optimize.linprog(cost, rows, np.zeros(len(attack)), balance, total).fun

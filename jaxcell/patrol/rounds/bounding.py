@@ -6,6 +6,7 @@ import numpy as np
 import scipy.sparse.csgraph
 
 from .game import Game
+from .joint import least_risk, safe_routes, watched_risk
 from .mixing import mix
 from .subsets import MOST_ROBOTS, MOST_SUBSETS, closed_tours, membership, of_several, open_walks
 
@@ -20,11 +21,12 @@ class Bound(NamedTuple):
     between: float
     "The longest time between visits to the target that is visited least is at least this long."
     capture: float
-    """The least probability of capture over targets is at most this, if attacks begin at random
-    times; an adversary who sees more is captured at most as often. With values, 1 less the least
-    risk relative to the largest value."""
+    """The least probability of capture over targets is at most this for the adversary of the game.
+    With values, 1 less the least risk relative to the largest value."""
     exact: bool
     "`True` if all sets of targets were compared; otherwise the bounds are from spanning trees."
+    preventable: bool | None = None
+    "`True` if a joint schedule stops every attack, `False` if none does, `None` if unknown."
 
 
 def bound(game: Game) -> Bound:
@@ -34,16 +36,26 @@ def bound(game: Game) -> Bound:
     length. For up to 14 targets and 4 robots, the sets of targets on such walks are computed, and
     a linear program mixes them; otherwise the number of targets on walks is bounded by the shortest
     edges of a spanning tree. One robot needs the shortest closed tour between visits to a target.
+    In small games with whole times all joint schedules are compared, by [`safe_routes`][] and
+    [`least_risk`][]. For a watcher, [`watched_risk`][] bounds random walks, too.
 
     One robot on a cycle of four vertices, where attacks take 3 steps:
 
         >>> from jaxcell import patrol
         >>> cycle = patrol.Graph([(i, (i + 1) % 4) for i in range(4)])
         >>> patrol.rounds.bound(patrol.rounds.Game.of(cycle, 3.0))
-        Bound(between=4.0, capture=1.0, exact=True)
+        Bound(between=4.0, capture=0.75, exact=True, preventable=False)
     """
     few = game.targets.size <= MOST_SUBSETS and game.robots <= MOST_ROBOTS
-    return _by_subsets(game) if few else _by_trees(game)
+    found = _by_subsets(game) if few else _by_trees(game)
+    if (safe := safe_routes(game)) is None:
+        return found
+    if safe:
+        return found._replace(preventable=True)
+    least = [least_risk(game), watched_risk(game) if game.adversary == "watcher" else None]
+    risk = max((one for one in least if one is not None), default=0.0)
+    capture = 1 - risk / float(game.value.max())
+    return found._replace(capture=min(found.capture, capture), preventable=False)
 
 
 def _by_subsets(game: Game) -> Bound:

@@ -150,7 +150,9 @@ class Guarded(Result):
         blind = self.game.adversary == "blind"
         first, second = self._safe(), self._weakest()
         lines = [first, *second] if blind or self.safe else [*second[::-1], self._walked(), first]
-        return tuple(line for line in (*lines, self._bounded(), *self._guards()) if line)
+        return tuple(
+            line for line in (*lines, self._bounded(), self._compared(), *self._guards()) if line
+        )
 
     def _walked(self) -> str:
         if not self.walks_capture:
@@ -214,6 +216,17 @@ class Guarded(Result):
             return f"{text} None has a risk below {least:.4g}."
         share = 100 * (1 - least / self.game.value[0])
         return f"{text} None stops more than {share:.3g} % of attacks on the weakest target."
+
+    def _compared(self) -> str:
+        """Say whether other schedules might stop all attacks, where these do not."""
+        game, bound = self.game, self.bound
+        if self.safe or bound is None or bound.capture < 1:
+            return ""
+        if bound.preventable is False:
+            return "All schedules were compared: none stops every attack."
+        if bound.preventable or (game.robots == 1 and not np.ptp(game.attack)):
+            return ""
+        return "Not all schedules were compared: another one may stop every attack."
 
     def _guards(self) -> list[str]:
         lines = []

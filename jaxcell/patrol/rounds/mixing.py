@@ -1,5 +1,6 @@
 """Mixtures of rounds, one after another, for an adversary who comes at a random time."""
 
+import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -9,6 +10,7 @@ from jaxtyping import Float
 
 from .evaluation import evaluate_followed
 from .game import Game
+from .joint import safe_routes
 from .route import Route
 from .search import Rounds, best_rounds, rounds_of, spaced
 from .subsets import MOST_ROBOTS, MOST_SUBSETS, best_division, closed_tours, membership
@@ -56,8 +58,9 @@ def mix(capture: Float[np.ndarray, "patrols targets"], value: Float[np.ndarray, 
 def best_routes(game: Game) -> tuple[Route, ...]:
     """Search for routes of robots with the least risk.
 
-    These are the routes of [`best_rounds`][]. For an adversary who comes at a random time, robots
-    also stay at some targets of their tours while others are not late. For up to 14 targets and 2
+    These are the routes of [`best_rounds`][] or, if an attack on them succeeds, those of
+    [`safe_routes`][] where some exist. For an adversary who comes at a random time, robots also
+    stay at some targets of their tours while others are not late. For up to 14 targets and 2
     robots, or 11 targets and 4 robots, rounds through some of the targets are repeated in turn,
     each for a share of a long period, if the risk is then less by 5 % of the largest value. The
     shares solve a linear program, whose rounds are found one by one, by their capture at its
@@ -77,8 +80,8 @@ def best_routes(game: Game) -> tuple[Route, ...]:
         ([0.833, 0.833], [0.507, 0.507])
     """
     found = best_rounds(game)
-    best, risk = found.routes, float(found.evaluation.risk(game).max())
-    if game.adversary == "blind" and risk > 0:
+    best, risk = _safest(game, found.routes, float(found.evaluation.risk(game).max()))
+    if game.adversary == "blind" and risk > 0 and best is found.routes:
         best, risk = _with_stays(found, risk)
     few = game.robots <= MOST_ROBOTS
     few = few and game.targets.size <= (MOST_SUBSETS if game.robots <= 2 else _DIVIDED)
@@ -93,6 +96,22 @@ def best_routes(game: Game) -> tuple[Route, ...]:
         if risk <= limit + _LOSS * most:
             break
     return turns if risk < enough else best
+
+
+def _safest(game: Game, routes: tuple[Route, ...], risk: float) -> tuple[tuple[Route, ...], float]:
+    """Take joint schedules by which no attack on the most valuable targets succeeds, if better."""
+    for level in np.append(0.0, np.unique(game.value)):
+        if level >= risk:
+            break
+        kept = game.value > level
+        part = dataclasses.replace(
+            game, targets=game.targets[kept], attack=game.attack[kept], value=game.value[kept]
+        )
+        if safe := safe_routes(part if level else game):
+            if (lower := float(evaluate_followed(game, safe).risk(game).max())) < risk:
+                return safe, lower
+            break
+    return routes, risk
 
 
 def _with_stays(found: Rounds, risk: float) -> tuple[tuple[Route, ...], float]:
@@ -197,6 +216,7 @@ def _alternated(
         for robot, (one, other) in enumerate(zip(order.tolist(), following.tolist(), strict=True)):
             times = [(v, now + a, now + b) for v, a, b in phase[one]]
             leaves = now + lasts + after[other][0][1] - float(takes[robot, other])
+            leaves = max(leaves, times[-1][1])
             times[-1] = (*times[-1][:2], leaves)
             visits[robot] += times
             if ends[robot] != begins[other]:

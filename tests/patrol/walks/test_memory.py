@@ -245,3 +245,17 @@ def test_a_tour_that_is_in_time_everywhere_captures_all():
         patrol = memory_patrol(RING, attack, 1, walk_on(RING)[None], tests=0)
         assert patrol.least_capture[1] == least
         assert patrol.any_time[1] == attack / 8
+
+
+@pytest.mark.parametrize(
+    ("edges", "attack", "stay", "best"),
+    [
+        # A robot that stays with 1 / golden ratio squared, and otherwise goes to either vertex.
+        ([(0, 1), (0, 2), (1, 2)], 2, True, (5**0.5 - 1) / 2),
+        # The best walk that many starts find.
+        ([(v, (v + 1) % 5) for v in range(5)], 3, False, 0.43016),
+    ],
+)
+def test_bound_from_attacks_on_all_vertices_is_nearly_attained(edges, attack, stay, best):
+    bound = capture_bound(Graph(edges), attack, stay=stay, captured=best, tests=8)
+    assert best <= bound < best + 0.003

@@ -19,6 +19,8 @@ CUTS = 1500
 # Largest number of moves times the longest attack for which cuts are made, and the largest product
 # of this number and the number of cuts, without symmetries.
 _PROMISES, _WORK = 1500, 240_000
+# Largest number of promises at a vertex for which all vertices are targets of the cuts.
+_ALL = 9
 
 
 def capture_bound(
@@ -41,8 +43,8 @@ def capture_bound(
     vertices at which the robot may be. For several independent robots, it is the sum of the totals.
 
     With `tests`, nested Benders cuts lower this bound for a single robot. In this method the
-    adversary sees the robot all the time, and attacks one of the two vertices that are farthest
-    apart. A test takes seconds; large graphs are not tested.
+    adversary sees the robot all the time, and attacks any vertex or, beyond a few vertices, one of
+    the two that are farthest apart. A test takes seconds; large graphs are not tested.
 
     **Arguments:**
 
@@ -76,8 +78,10 @@ def capture_bound(
     size = visits.tail.size * visits.end
     if tests == 0 or size > _PROMISES or bound <= captured:
         return bound
-    ends = [int(end) for end in np.unravel_index(apart.argmax(), apart.shape)]
-    pursuit = Pursuit(delays, attack, ends)
+    pursuit = Pursuit(delays, attack, list(range(graph.vertices)))
+    if pursuit.sizes.max() > _ALL:
+        ends = [int(end) for end in np.unravel_index(apart.argmax(), apart.shape)]
+        pursuit = Pursuit(delays, attack, ends)
     # Vertices that symmetries exchange share their cuts.
     models = len(set(pursuit.models.values()))
     cuts = min(CUTS, _WORK * graph.vertices // (size * models))

@@ -1,0 +1,179 @@
+"""Joint schedules of robots against own searches and own linear programs over all schedules."""
+
+import dataclasses
+import itertools
+
+import networkx as nx
+import numpy as np
+import pytest
+import scipy.optimize
+from patrolled_rounds import least_risk, waits
+
+from jaxcell.patrol import Graph, maximin_capture
+from jaxcell.patrol.rounds import Game, Guarded, best_rounds, best_routes, bound, evaluate
+
+
+def can_be_safe(streets, robots, attack):
+    """Check by removing states without future whether robots can be in time at all targets.
+
+    Times are halves of a unit, so that robots may be between the units of the library, and robots
+    may wait anywhere.
+    """
+    near = {v: [v] for v in streets}
+    for a, b, time in streets.edges(data="length"):
+        place = a
+        for _ in range(int(2 * time) - 1):
+            near[place].append(new := len(near))
+            near[new], place = [], new
+        near[place].append(b)
+    number, full = {v: i for i, v in enumerate(attack)}, tuple(2 * a for a in attack.values())
+    starts = itertools.combinations_with_replacement(streets, robots)
+    after, stack = {}, [(start, full) for start in starts]
+    while stack:
+        if (state := stack.pop()) in after:
+            continue
+        after[state] = set()
+        for places in itertools.product(*(near[v] for v in state[0])):
+            left = tuple(full[i] if v in places else state[1][i] - 1 for v, i in number.items())
+            if min(left) > 0:
+                after[state].add((tuple(sorted(places)), left))
+        stack += after[state]
+    alive = set(after)
+    while lost := {state for state in alive if not after[state] & alive}:
+        alive -= lost
+    return bool(alive)
+
+
+def streets_of(random):
+    streets = nx.gnp_random_graph(int(random.integers(3, 5)), 0.6, seed=random, directed=True)
+    for a, b in streets.edges:
+        streets.edges[a, b]["length"] = float(random.integers(1, 3))
+    return streets
+
+
+@pytest.mark.parametrize("seed", range(15))
+@pytest.mark.parametrize("speed", [1.0, 1.2])
+def test_all_attacks_are_stopped_where_any_schedule_can(seed, speed):
+    random = np.random.default_rng(seed)
+    while not nx.is_strongly_connected(streets := streets_of(random)):
+        pass
+    robots = int(random.integers(1, 3))
+    targets = sorted(random.permutation(len(streets))[: int(random.integers(robots + 1, 5))])
+    attack = {v: int(random.integers(1, 7)) for v in targets}
+    times = np.array(list(attack.values())) / speed
+    game = Game.of(streets, times, robots=robots, targets=[f"{v}" for v in targets], speed=speed)
+    safe = can_be_safe(streets, robots, attack)
+    assert bound(game).preventable == safe
+    found = evaluate(game, routes := best_routes(game))
+    assert (found.longest <= game.attack * (1 + 1e-9)).all() == safe
+    for moments, target, longest in itertools.product(
+        [np.arange(0, 40, 0.37)] * safe, range(len(targets)), [game.attack]
+    ):
+        assert waits(routes, targets[target], moments, 40).max() <= longest[target] + 1e-6
+
+
+def test_guards_share_a_target_in_turn():
+    path = Graph([[0, 1], [1, 2]])
+    game = Game.of(path, [3.0, 1.0, 2.0], robots=2)
+    assert best_rounds(game).evaluation.exposure.max() > 0
+    routes = best_routes(game)
+    assert Guarded.of(game, routes, bound=bound(game)).watched_capture == 1
+    assert all((route.vertex == 1).any() for route in routes)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_least_risk_is_that_of_an_own_linear_program(seed):
+    random = np.random.default_rng(seed)
+    vertices = int(random.integers(2, 5))
+    tree = nx.random_labeled_tree(vertices, seed=seed)
+    edges = [(a, b, int(random.integers(1, 3))) for a, b in tree.edges]
+    attack, value = random.integers(1, 4, (2, vertices))
+    robots = int(random.integers(1, min(vertices, 3)))
+    times = np.array([time for *_, time in edges], float)
+    graph = Graph([edge[:2] for edge in edges], vertices, ways=times)
+    game = Game.of(graph, attack.astype(float), value=value.astype(float), robots=robots, speed=1.0)
+    least = least_risk(edges, attack.tolist(), value.tolist(), robots)
+    limit = bound(game)
+    assert (1 - limit.capture) * value.max() == pytest.approx(least, abs=1e-7)
+    risk = evaluate(game, best_routes(game)).risk(game).max()
+    assert least - 1e-9 <= risk <= least + 0.061 * value.max()
+
+
+def test_answer_says_whether_all_schedules_were_compared():
+    cycle = Graph([(v, (v + 1) % 5) for v in range(5)])
+    game = Game.of(cycle, 2.0, robots=2, adversary="watcher")
+    answer = Guarded.of(game, best_routes(game), bound=bound(game)._replace(capture=1.0)).answer
+    assert "All schedules were compared: none stops every attack." in answer
+    game = Game.of(cycle, [2.0, 2.0, 2.0, 2.0, 2.0**0.5], robots=2, speed=None)
+    small = bound(game)
+    assert small.preventable is False
+    apart = Graph([[0, 1], [1, 2]], xy=[[0, 0], [1, 0], [1, 2**0.5]])
+    game = Game.of(apart, [1.0, 1.0, 2.0], robots=2, speed=1.0)
+    assert bound(game).preventable is None
+    routes = best_rounds(game).routes
+    answer = Guarded.of(game, routes, bound=bound(game)._replace(capture=1.0)).answer
+    shown = "Not all schedules were compared: another one may stop every attack." in answer
+    assert shown == (evaluate(game, routes).exposure.max() > 0)
+
+
+def most_against_recent(near, attack, seen):
+    """Compute the capture by the best random walk if an adversary sees its last `seen` vertices.
+
+    The variables are the shares of all walks as long as what he sees and an attack.
+    """
+    steps = range(seen + attack - 1)
+    walks = [
+        walk
+        for walk in itertools.product(range(len(near)), repeat=seen + attack)
+        if all(walk[k + 1] in near[walk[k]] for k in steps)
+    ]
+    ends = sorted({walk[:-1] for walk in walks} | {walk[1:] for walk in walks})
+    balance = np.array([[(w[:-1] == e) - 1.0 * (w[1:] == e) for w in walks] for e in ends])
+    balance = np.append(balance, np.ones((1, len(walks))), axis=0)
+    pairs = [(w, v) for w in sorted({walk[:seen] for walk in walks}) for v in range(len(near))]
+    total = np.append(np.zeros(len(ends)), 1.0)
+    low, high = 0.0, 1.0
+    while high - low > 1e-3:
+        tried = (low + high) / 2
+        missing = [
+            [(tried - (v in walk[seen:])) * (walk[:seen] == begin) for walk in walks]
+            for begin, v in pairs
+        ]
+        late = np.array(missing, float)
+        zero = np.zeros(len(walks))
+        found = scipy.optimize.linprog(zero, late, np.zeros(len(late)), balance, total)
+        low, high = (low, tried) if found.status == 2 else (tried, high)
+    return high
+
+
+@pytest.mark.parametrize(
+    ("graph", "attack"),
+    [
+        (nx.complete_graph(3), 2),
+        (nx.cycle_graph(4), 2),
+        (nx.path_graph(3), 2),
+        (nx.path_graph(3), 3),
+        (nx.DiGraph([(0, 1), (1, 2), (2, 0), (1, 0)]), 2),
+    ],
+)
+def test_watcher_is_bounded_by_the_best_answers_to_one_who_sees_less(graph, attack):
+    near = [[v, *graph[v]] for v in range(len(graph))]
+    game = Game.of(graph, float(attack), adversary="watcher")
+    limit = bound(game).capture
+    for seen in (1, 2):
+        assert limit <= most_against_recent(near, attack, seen) + 2e-3
+    if not graph.is_directed():
+        edges = Graph(list(graph.edges))
+        assert (
+            limit >= maximin_capture(edges, attack, stay=True, memory=2, throw=False).value - 1e-6
+        )
+    blind = bound(dataclasses.replace(game, adversary="blind")).capture
+    assert limit <= blind
+
+
+def test_watcher_of_a_path_is_met_by_random_walks_up_to_the_bound():
+    game = Game.of(Graph([[0, 1], [1, 2]]), 3.0, adversary="watcher")
+    known = maximin_capture(Graph([[0, 1], [1, 2]]), 3, stay=True, memory=2, throw=False).value
+    assert known == pytest.approx(bound(game).capture, abs=2e-3)
+    answer = Guarded.of(game, best_routes(game), bound=bound(game)).answer
+    assert any("None stops more than 58.6 % of attacks" in line for line in answer)
