@@ -1,9 +1,9 @@
 """Readers of graph files: node-link JSON, GraphML, GML, patrolling_sim graphs, and lists.
 
-Every vertex has a name, and either all vertices have a position or none has. Edges join two
-different vertices. For a `Graph` they are undirected, and no two edges are parallel; `load_ways`
-also reads directed edges, keeps the shortest of parallel edges, and leaves out loops. Either all
-edges have a `length` in metres, or all edges are straight. Other attributes in a file are ignored.
+Every vertex has a name, and either all vertices have a position or none has. Loops are left out, and
+so are all but the shortest of parallel edges. For a `Graph` each directed edge needs its way back;
+`load_ways` keeps directed edges. Either all edges have a `length` in metres, or all edges are
+straight; `weight` names another attribute for the length. Other attributes are ignored.
 
 Positions are in metres, or in degrees if they are named `lon` and `lat` (or `longitude` and
 `latitude`), or if the attribute `crs` of the graph is geographic, such as `EPSG:4326`. Degrees are
@@ -12,7 +12,8 @@ converted to metres East and North of the middle, and edges without a length fol
 **Node-link JSON** (`.json`) is an object with two lists. Each member of `nodes` has an `id`, and
 either `x` and `y` or a pair `pos`; each member of `edges` (or `links`) has a `source` and a
 `target`. In **GraphML** (`.graphml`) and **GML** (`.gml`) the vertices have attributes `x` and `y`.
-A **patrolling_sim graph** (`.graph`) is a file of that ROS simulator. An **adjacency list**
+A **patrolling_sim graph** (`.graph`) is a file of that ROS simulator. A **route graph** of nav2
+(`.geojson`) has points with an `id`, and lines from `startid` to `endid`. An **adjacency list**
 (`.adjlist`) has one line per vertex, with its name and its neighbours' names. An **edge list**
 (`.edges`, `.txt`) is text; `#` begins a comment:
 

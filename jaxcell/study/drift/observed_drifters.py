@@ -6,7 +6,7 @@ import tyro
 
 from ... import drift, space, verify as verification
 from ...base import memory
-from ..parameters import AtLeastOne, Days, Degrees, Limit, WholeNumber
+from ..parameters import AtLeastOne, Days, Degrees, Headings, Limit, Unit, WholeNumber
 from ..study import Say, about, silent
 from .sea_study import Bounds, Files, SeaStudy
 
@@ -24,6 +24,7 @@ class Drifters(SeaStudy):
     command: ClassVar[str] = "drifters"
     example: ClassVar[str] = "@drifters --nearly-closed 2 --out runs/drifters"
     task: ClassVar[str] = "drifters"
+    headings: ClassVar[Headings] = {"How is the file read?": ("max_speed",)}
 
     file: tyro.conf.Positional[Files] = dataclasses.field(kw_only=False)
     """Trajectories: files (or a pattern of their names) of the Global Drifter Program, OpenDrift,
@@ -48,6 +49,8 @@ class Drifters(SeaStudy):
     """Number of bootstrap samples of drifters, drawn with replacement, to estimate the errors."""
     seed: WholeNumber = 0
     """Seed of the bootstrap samples."""
+    max_speed: Annotated[float, Unit("", "m/s"), Limit(gt=0)] = 10.0
+    """Largest speed of a drifter in m/s; observations that need a larger one are left out."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -60,7 +63,7 @@ class Drifters(SeaStudy):
 
     def run(self, say: Say = silent) -> "drift.ObservedDrift":
         say("reading trajectories")
-        seen = drift.open_trajectories(self.file)
+        seen = drift.open_trajectories(self.file, self.max_speed)
         if self.drogue is not None:
             with about("drogue"):
                 seen = seen.with_drogue(self.drogue == "kept")
