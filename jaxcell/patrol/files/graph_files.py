@@ -1,8 +1,8 @@
 """Readers of graph files: node-link JSON, GraphML, GML, patrolling_sim graphs, and lists.
 
-Every vertex has a name, and either all vertices have a position or none has. Loops are left out, and
-so are all but the shortest of parallel edges. For a `Graph` each directed edge needs its way back;
-`load_ways` keeps directed edges. Either all edges have a `length` in metres, or all edges are
+Every vertex has a name, and either all vertices have a position or none has. Loops are left out,
+and so are all but the shortest of parallel edges. For a `Graph` each directed edge needs its way
+back; `load_ways` keeps directed edges. Either all edges have a `length` in metres, or all edges are
 straight; `weight` names another attribute for the length. Other attributes are ignored.
 
 Positions are in metres, or in degrees if they are named `lon` and `lat` (or `longitude` and
