@@ -96,16 +96,27 @@ def _parse_routes(weight: str, text: str) -> Parts:
     """Parse a route graph of nav2: points with an id, and lines from `startid` to `endid`."""
     vertices: list[Vertex] = []
     edges: list[Edge] = []
-    for i, feature in enumerate(Fields(decode_json(text, "a graph")).parts("features")):
-        field, about = f"features[{i}]", Fields(feature.needed("properties"), f"features[{i}].")
+    document = decode_json(text, "a graph")
+    if not isinstance(document, dict):
+        raise ValueError(f"expected an object with features, got {reprlib.repr(document)}")
+    for i, feature in enumerate(Fields(document).parts("features")):
+        field, about = f"features[{i}]", _part(feature, "properties")
         if "startid" in about.values:
             ends = str(about.needed("startid")), str(about.needed("endid"))
             edges.append(Edge(field, *ends, about.get(weight)))
         else:
-            place = Fields(feature.needed("geometry"), f"{field}.").needed("coordinates")
+            place = _part(feature, "geometry").needed("coordinates")
             at = place[:2] if isinstance(place, list) else place
             vertices.append(Vertex(field, str(about.needed("id")), {"pos": at}))
     return vertices, edges, "startid"
+
+
+def _part(fields: Fields, name: str) -> Fields:
+    """Return the object with this name, as fields."""
+    value = fields.needed(name)
+    if not isinstance(value, dict):
+        raise fields.refused(name, "an object")
+    return Fields(value, f"{fields.where}{name}.")
 
 
 def _parse_problem(problem: Fields) -> Parts:
@@ -131,7 +142,7 @@ def _parse_json(weight: str, text: str) -> Parts:
     if document.get("format") == "jaxcell-map":
         raise ValueError("it is a map, not a graph; study.PatrolMap takes it")
     if "problem_params" in document:
-        return _parse_problem(Fields(document["problem_params"], "problem_params."))
+        return _parse_problem(_part(Fields(document), "problem_params"))
     # networkx until version 3.4, and D3, call the edges "links".
     key = "edges" if "edges" in document else "links"
     fields, about = Fields(document), document.get("graph")
