@@ -10,6 +10,7 @@ from typing import Any
 
 from .. import automata, drift, patrol, space, sweep
 from ..base.documents import Fields
+from ..base.doubts import Doubt, warn
 from ..base.paths import absent, visible
 from ..base.results import MANIFEST, Manifest, check_result
 
@@ -233,6 +234,8 @@ def _map(path: Path) -> dict[str, Any]:
 
 def _graph(path: Path) -> dict[str, Any]:
     ways = patrol.files.load_ways(path)
+    for omitted in ways.omitted:
+        warn(f"{path}: {omitted}", Doubt)
     there = {*map(tuple, ways.ends.tolist())}
     one_way = sum((head, tail) not in there for tail, head in there)
     described = {"what": "a graph", "vertices": len(ways.names)}

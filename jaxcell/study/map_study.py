@@ -120,7 +120,9 @@ class CellStudy(Study):
         cells = result.cells
         about = {"name": cells.workspace.name, "cell_m": cells.cell, "positions": cells.positions}
         spec = {**super().spec(result), **about}
-        return {key: value for key, value in spec.items() if key != "unknown" or self._ros}
+        unused = {name for name in ("piece", "crop") if spec[name] is None}
+        unused |= set() if self._ros else {"unknown"}
+        return {key: value for key, value in spec.items() if key not in unused}
 
     def headline(self, spec: dict[str, Any]) -> str:
         return f"{spec['name'] or spec['map']}: {spec['positions']:,} cells"

@@ -103,6 +103,7 @@ MAP_PICTURES = {
     "rgba.png": picture("PNG", "RGBA"),
     "palette.png": picture("PNG", "P"),
     "two.png": picture("PNG", "1"),
+    "m.bmp": picture("BMP"),
 }
 COMMON = {"cell_m": 1.0, "directions": 4, "step_m": 1.0, "robot_radius_m": 0.1}
 TASKS = {
@@ -149,6 +150,13 @@ def use_log(path):
 
 
 GAMES = Path(__file__).parents[1] / "study" / "games"
+ROUTES = {
+    "features": [
+        {"properties": {"id": 0}, "geometry": {"type": "Point", "coordinates": [0.0, 0.0]}},
+        {"properties": {"id": 1}, "geometry": {"type": "Point", "coordinates": [3.0, 4.0]}},
+        {"properties": {"id": 2, "startid": 0, "endid": 1, "cost": 2.0}, "geometry": {}},
+    ]
+}
 READERS = {
     "graph": Reader(
         load_graph,
@@ -159,7 +167,14 @@ READERS = {
         },
         {"g.json": PLAIN_GRAPH, "l.json": LINKS, "tree.json": bundled("graphs/tree.json")},
     ),
-    "ways": Reader(load_ways, {"g.graphml": graphml()}, {"g.json": PLAIN_GRAPH, "l.json": LINKS}),
+    "ways": Reader(
+        load_ways,
+        {"g.graphml": graphml()},
+        {
+            **{"g.json": PLAIN_GRAPH, "l.json": LINKS, "routes.geojson": ROUTES},
+            "problem.json": {"problem_params": {"weight_matrix": [[1, 3], [2, 1]], "tau": 4}},
+        },
+    ),
     "game": Reader(
         load_game, documents={"game.json": json.loads((GAMES / "game.json").read_text())}
     ),
@@ -180,8 +195,14 @@ READERS = {
             "m.txt": b"; name a corridor\n; cell 0.25\n; origin 1 2\n; robot_radius 0.1\n"
             b"; directions 8\n;; a remark\n#######\n#..#..#\n#.....#\n#######\n",
             "n.map": b"...\n.#.\n...\n",
+            "ai.map": b"type octile\nheight 2\nwidth 4\nmap\n@.GT\nWS.O\n",
         },
-        {name: bundled(f"maps/{name}") for name in ("arena.json", "lab_a.json", "complex.json")},
+        {
+            **{name: bundled(f"maps/{name}") for name in ("arena.json", "lab_a.json")},
+            "complex.json": bundled("maps/complex.json"),
+            "plan.geojson": {"type": "FeatureCollection", "features": [FEATURE]},
+            "house.json": {"verts": [[0, 0], [5, 0], [5, 4], [0, 4]], "id": "0a1"},
+        },
     ),
     "description of a map": Reader(Workspace.load, {"m.yaml": YAML}, beside=MAP_PICTURES),
     "picture of a map": Reader(

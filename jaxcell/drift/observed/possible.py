@@ -16,8 +16,9 @@ def possible_observations(
     lat: Float[np.ndarray, "observations"],
     time: Float[np.ndarray, "observations"],
     drifter: Int[np.ndarray, "observations"],
+    fastest: float | int = FASTEST_CURRENT,
 ) -> Bool[np.ndarray, "observations"]:
-    """Mark the observations that each drifter can pass in turn, at `FASTEST_CURRENT` or slower.
+    """Mark the observations that each drifter can pass in turn, at `fastest` (m/s) or slower.
 
     Observations that rest at exactly 0 N 0 E are fixes without satellites, also of a drifter that
     never had another fix. In the others, impossible moves cut a track into pieces. The longest
@@ -27,11 +28,12 @@ def possible_observations(
     null = (lon == 0) & (lat == 0)
     rests = null[:-1] & null[1:] & (np.diff(drifter) == 0)
     kept = ~(np.append(rests, False) | np.append(False, rests))[: null.size]
-    kept[kept] = _passable(*(column[kept] for column in (lon, lat, time, drifter)))
+    kept[kept] = _passable(fastest, *(column[kept] for column in (lon, lat, time, drifter)))
     return kept
 
 
 def _passable(
+    fastest: float | int,
     lon: Float[np.ndarray, "observations"],
     lat: Float[np.ndarray, "observations"],
     time: Float[np.ndarray, "observations"],
@@ -42,7 +44,7 @@ def _passable(
     def reaches(i: Any, j: Any) -> Any:
         chord = np.linalg.norm(place[:, i] - place[:, j], axis=0)
         metres = 2 * EARTH_RADIUS * np.arcsin((chord / 2).clip(max=1))
-        return metres <= FASTEST_CURRENT * np.abs(time[i] - time[j]) + _POSITION_ERROR
+        return metres <= fastest * np.abs(time[i] - time[j]) + _POSITION_ERROR
 
     index = np.arange(time.size)
     cut = (np.diff(drifter) == 0) & ~reaches(index[:-1], index[1:])

@@ -86,13 +86,14 @@ class Trajectories(Shown):
         source: str = "trajectories",
         since: str = "",
         drogued: Bool[np.ndarray, "observations"] | None = None,
+        max_speed: float | int = FASTEST_CURRENT,
     ) -> "Trajectories":
         """Sort observations, and leave out invalid, repeated and impossible observations.
 
-        An observation is impossible if the drifter would have to move at more than 10 m/s between
-        it and the longest possible part of the track, beyond an error of 1 km of its position, or
-        if it rests at exactly 0 N 0 E, as the fixes of a receiver without satellites do. A warning
-        of the class `jaxcell.base.doubts.Doubt` says how many there are.
+        An observation is impossible if the drifter would have to move faster than `max_speed` (m/s;
+        by default 10) between it and the longest possible part of the track, beyond an error of
+        1 km of its position, or if it rests at exactly 0 N 0 E, as the fixes of a receiver without
+        satellites do. A warning of the class `jaxcell.base.doubts.Doubt` says how many there are.
 
         **Arguments:** as the fields of this class; the numbers in `drifter` may be in any order,
         with gaps.
@@ -103,13 +104,14 @@ class Trajectories(Shown):
         new = np.append(True, (np.diff(time) > 0) | (np.diff(drifter) != 0))[: time.size]
         drogued = None if drogued is None else drogued[order][new]
         lon, lat, time, drifter = wrapped(lon[new]), lat[new], time[new], drifter[new]
-        possible = possible_observations(lon, lat, time, drifter)
+        possible = possible_observations(lon, lat, time, drifter, max_speed)
         if not possible.all():
             first = int(possible.argmin())
             doubt = (
                 f"{source}: {np.sum(~possible):,} of {possible.size:,} observations are left out, "
-                f"which drifters could reach only at more than {FASTEST_CURRENT:g} m/s, or which "
-                f"rest at exactly 0 N 0 E; the first is at {lat[first]:g} N, {lon[first]:g} E"
+                f"which drifters could reach only at more than {max_speed:g} m/s, or which rest at "
+                f"exactly 0 N 0 E; the first is at {lat[first]:g} N, {lon[first]:g} E; for another "
+                "limit, set `max_speed`"
             )
             warn(doubt, Doubt)
         number = np.unique(drifter, return_inverse=True)[1].astype(np.int64)
@@ -197,18 +199,20 @@ def save_trajectories(seen: Trajectories, path: str | os.PathLike[str]) -> None:
                 seen.dataset().to_netcdf(temporary, engine="netcdf4")
 
 
-def open_trajectories(path: Source) -> Trajectories:
+def open_trajectories(path: Source, max_speed: float | int = FASTEST_CURRENT) -> Trajectories:
     """Read trajectories from the Global Drifter Program, OpenDrift, Parcels, or any CF file.
 
     A file has a matrix of drifters by observations, with common or separate times; or the
     concatenated observations of the drifters, with the number of observations per drifter (a ragged
-    array); or the drifter of each observation. Several files are read one by one; drifters of
+    array); or the drifter of each observation, whose times may be common to a number of particles,
+    as in PyGNOME. Several files are read one by one; drifters of
     different files are different drifters, even if their labels are equal.
 
     **Arguments:**
 
     - `path`: one or more files, a pattern, a Zarr store, an OPeNDAP address, a Parcels 4 table
         whose name ends in `.parquet`, or an open dataset with encoded times.
+    - `max_speed`: the largest speed in m/s; see [`Trajectories.of`][].
 
     **Returns:** [`Trajectories`][].
 
@@ -244,14 +248,15 @@ def open_trajectories(path: Source) -> Trajectories:
         warn(f"{name}: the drogue is known in {some}, and not used", Doubt)
     fields = set.intersection(*(set(column) for column in columns))
     joined = {field: np.concatenate([column[field] for column in columns]) for field in fields}
-    return Trajectories.of(**joined, source=name, since=since)
+    return Trajectories.of(**joined, source=name, since=since, max_speed=max_speed)
 
 
 def _observations(source: str | xr.Dataset) -> tuple[dict[str, np.ndarray], str]:
     """Read the observations of one file, and the date from which it counts seconds, or ""."""
     with open_source(source) as file:
         read = {str(role): file.dataset[_field(file, role)] for role in _ROLES}
-        lon, time = read["lon"], read["time"]
+        lon = read["lon"]
+        time = read["time"] = _repeated(file, read["time"], lon)
         drifter = _drifters(file, lon, time)
         for array in read.values():
             if not set(array.dims) <= set(lon.dims):
@@ -274,6 +279,20 @@ def _observations(source: str | xr.Dataset) -> tuple[dict[str, np.ndarray], str]
         dated = re.search(r" since (.+)", str(time.attrs.get("units", "")))
         since = "1970-01-01" if time.dtype.kind == "M" else dated[1].strip() if dated else ""
         return flat, since
+
+
+def _repeated(file: OceanFile, time: xr.DataArray, lon: xr.DataArray) -> xr.DataArray:
+    """Repeat each time for all its particles, if the file counts the particles of each time."""
+    for name, variable in file.dataset.variables.items():
+        counted = "ragged_row_count" in variable.attrs or str(name).lower() == "particle_count"
+        if counted and variable.dims == time.dims != lon.dims:
+            counts = file.read(file.dataset[name])
+            if (counts < 0).any() or counts.sum() != lon.size:
+                found = f"{counts.sum():g} in numbers of particles"
+                raise file.error(str(name), f"expected {lon.size} observations, got {found}")
+            repeated = np.repeat(time.values, counts.astype(np.int64))
+            return xr.DataArray(repeated, dims=lon.dims, attrs=time.attrs, name=time.name)
+    return time
 
 
 def _seconds_between(first: str, second: str) -> float:

@@ -1,9 +1,9 @@
 """Readers of graph files: node-link JSON, GraphML, GML, patrolling_sim graphs, and lists.
 
-Every vertex has a name, and either all vertices have a position or none has. Edges join two
-different vertices. For a `Graph` they are undirected, and no two edges are parallel; `load_ways`
-also reads directed edges, keeps the shortest of parallel edges, and leaves out loops. Either all
-edges have a `length` in metres, or all edges are straight. Other attributes in a file are ignored.
+Every vertex has a name, and either all vertices have a position or none has. Loops are left out,
+and so are all but the shortest of parallel edges. For a `Graph` each directed edge needs its way
+back; `load_ways` keeps directed edges. Either all edges have a `length` in metres, or all edges are
+straight; `weight` names another attribute for the length. Other attributes are ignored.
 
 Positions are in metres, or in degrees if they are named `lon` and `lat` (or `longitude` and
 `latitude`), or if the attribute `crs` of the graph is geographic, such as `EPSG:4326`. Degrees are
@@ -12,7 +12,8 @@ converted to metres East and North of the middle, and edges without a length fol
 **Node-link JSON** (`.json`) is an object with two lists. Each member of `nodes` has an `id`, and
 either `x` and `y` or a pair `pos`; each member of `edges` (or `links`) has a `source` and a
 `target`. In **GraphML** (`.graphml`) and **GML** (`.gml`) the vertices have attributes `x` and `y`.
-A **patrolling_sim graph** (`.graph`) is a file of that ROS simulator. An **adjacency list**
+A **patrolling_sim graph** (`.graph`) is a file of that ROS simulator. A **route graph** of nav2
+(`.geojson`) has points with an `id`, and lines from `startid` to `endid`. An **adjacency list**
 (`.adjlist`) has one line per vertex, with its name and its neighbours' names. An **edge list**
 (`.edges`, `.txt`) is text; `#` begins a comment:
 
@@ -42,6 +43,7 @@ from ...base.documents import (
     checked_pair,
     refused,
 )
+from ...base.doubts import Doubt, warn
 from ...optimize import Graph
 from ...optimize.geographic import degrees, great_circles, in_metres
 from ...optimize.graph import numbered
@@ -50,9 +52,13 @@ from .graph_formats import Edge, Vertex, about_file, of_networkx, parsed
 
 # Edges that are all shorter, in metres, are rather differences of degrees.
 _SHORT = 0.1
+# Edges that are longer than this, times the distances of their ends, have ends in degrees.
+_MUCH_LONGER = 1e4
+# The relative difference of equal lengths, which files may round.
+_EQUAL = 1e-6
 _DIRECTED = (
-    "it is directed; expected an undirected graph, whose edges a patroller can walk both ways: "
-    "give each pair of neighbours once; rounds on one-way edges are found by `jaxcell patrol guard`"
+    "expected an undirected graph, whose edges a patroller can walk both ways; rounds on one-way "
+    "edges are found by `jaxcell patrol guard`"
 )
 
 
@@ -68,13 +74,20 @@ class Ways(NamedTuple):
     "Sentences about edges of the file that are left out."
 
 
-def load_graph(path: str | os.PathLike[str] | Any) -> tuple[Graph, tuple[str, ...]]:
+def load_graph(
+    path: str | os.PathLike[str] | Any, weight: str | None = None
+) -> tuple[Graph, tuple[str, ...]]:
     """Read a graph file, or number the vertices of a graph of networkx.
+
+    Loops are left out, and of parallel edges all but the shortest, which a `Doubt` says. A directed
+    graph is read if each way has a way back of the same length.
 
     **Arguments:** the graph, or the file, of at most 64 MiB. Its suffix gives the format: `.json`
     is node-link JSON, `.graphml` GraphML, `.gml` GML, `.adjlist` an adjacency list, `.graph` a
     patrolling_sim graph, and `.edges` or `.txt` a list in which `name x y` is a vertex and
-    `name name` an edge.
+    `name name` an edge. `weight` is the name of the
+        attribute of edges that is their length, by default `length`; in a list with it, a line of
+        three words is an edge and its length.
 
     **Returns:** the graph, and the names of its vertices in the order of their numbers.
 
@@ -91,22 +104,39 @@ def load_graph(path: str | os.PathLike[str] | Any) -> tuple[Graph, tuple[str, ..
         graph = path if isinstance(path, Graph) else Graph(path)
         return graph, tuple(map(str, range(graph.vertices) if path is graph else numbered(path)))
     path = Path(with_path(os.fspath(path)))
-    vertices, edges, directed = parsed(path)
+    vertices, edges, directed = parsed(path, weight)
     with about_file(path):
-        if directed:
-            raise ValueError(f"{directed}: {_DIRECTED}")
-        graph, names = checked_graph(vertices, edges)
-        if graph.ways is None and graph.xy is not None:
-            _check_metres(graph.xy, graph.lengths)
-    return graph, names
+        _, _, _, lengths = parts = _checked_parts(vertices, edges)
+        ways = _simple_ways(*parts, directed)
+        for omitted in ways.omitted:
+            warn(f"{path}: {omitted}", Doubt)
+        return _undirected(ways, lengths is not None, directed), ways.names
 
 
-def load_ways(path: str | os.PathLike[str] | Any) -> Ways:
+def _undirected(ways: Ways, measured: bool, directed: str) -> Graph:
+    """Join each way and its way back to one edge; raise if a way back is missing or differs."""
+    key, back = ways.ends @ [len(ways.names), 1], ways.ends @ [1, len(ways.names)]
+    order = np.argsort(key)
+    at = order[np.searchsorted(key, back, sorter=order).clip(max=key.size - 1)]
+    if count := int((key[at] != back).sum()):
+        raise ValueError(
+            f"{directed}: {count:,} of its {key.size:,} ways have no way back; {_DIRECTED}"
+        )
+    if ways.lengths is not None and (ways.lengths[at] != ways.lengths).any():
+        raise ValueError(f"{directed}: ways back have other lengths; {_DIRECTED}")
+    first = np.flatnonzero(np.arange(key.size) < at)
+    lengths = ways.lengths[first] if measured and ways.lengths is not None else None
+    return Graph(ways.ends[first], len(ways.names), ways.xy, lengths)
+
+
+def load_ways(
+    path: str | os.PathLike[str] | Any, weight: str | None = None, directed: bool = False
+) -> Ways:
     """Read a graph file, or a graph of networkx, whose edges may be directed, parallel, or loops.
 
     **Arguments:** the graph, or the file, as in [`load_graph`][]. An undirected edge becomes two
-    ways. Loops are left out, because a robot can always wait; of parallel edges, the shortest is
-    used.
+    ways, unless all edges of the file are `directed`. Loops are left out, because a robot can
+    always wait; of parallel edges, the shortest is used.
     **Returns:** `Ways`.
 
     A street of 50 m one way and 80 m back:
@@ -126,19 +156,18 @@ def load_ways(path: str | os.PathLike[str] | Any) -> Ways:
         lengths = np.tile(path.lengths, 2) if measured else None
         return Ways(tuple(map(str, range(path.vertices))), both, lengths, path.xy, ())
     if hasattr(path, "is_multigraph"):
-        return _checked_ways(*of_networkx(path))
+        vertices, edges, one_way = of_networkx(path, weight or "length")
+        return _simple_ways(*_checked_parts(vertices, edges), one_way)
     path = Path(with_path(os.fspath(path)))
-    parts = parsed(path)
+    vertices, edges, one_way = parsed(path, weight)
     with about_file(path):
-        return _checked_ways(*parts)
+        return _simple_ways(*_checked_parts(vertices, edges), one_way or "directed" * directed)
 
 
 def _check_metres(xy: Float[np.ndarray, "vertices 2"], lengths: Float[np.ndarray, "_"]) -> None:
     """Raise if positions, which determine lengths, are more likely degrees than metres."""
     longest = lengths.max()
-    # Layouts in a unit square have short edges, too.
-    degrees_alike = (np.abs(xy) <= [180, 90]).all() and np.abs(xy).max() > 1
-    if 0 < longest < _SHORT and degrees_alike:
+    if 0 < longest < _SHORT and _in_degrees(xy):
         raise ValueError(
             f"x, y: expected metres, but the longest edge has {longest:.3g}; if x and "
             "y are degrees, name them lon and lat, or set crs of the graph to EPSG:4326; "
@@ -164,8 +193,14 @@ def checked_graph(vertices: list[Vertex], edges: list[Edge]) -> tuple[Graph, tup
     return Graph(pairs, len(numbers), places, lengths), tuple(numbers)
 
 
-def _checked_ways(vertices: list[Vertex], edges: list[Edge], directed: str) -> Ways:
-    numbers, pairs, places, lengths = _checked_parts(vertices, edges)
+def _simple_ways(
+    numbers: dict[str, int],
+    pairs: Int[np.ndarray, "edges 2"],
+    places: Float[np.ndarray, "vertices 2"] | None,
+    lengths: Float[np.ndarray, "edges"] | None,
+    directed: str,
+) -> Ways:
+    """Make ways of checked edges, without loops and parallel ways."""
     if lengths is None and places is not None:
         lengths = np.hypot(*(places[pairs[:, 0]] - places[pairs[:, 1]]).T)
         _check_metres(places, lengths)
@@ -234,7 +269,17 @@ def _checked_parts(
     if places is not None and all(geographic):
         lengths = great_circles(places, pairs) if lengths is None else lengths
         places = in_metres(places)
+    elif places is not None and lengths is not None and _in_degrees(places):
+        straight = np.hypot(*(places[pairs[:, 0]] - places[pairs[:, 1]]).T)
+        if lengths.sum() > _MUCH_LONGER * straight.sum() > 0:
+            warn("x and y are taken as degrees, because edges are 10,000 times as long", Doubt)
+            places = in_metres(places)
     return numbers, pairs, places, lengths
+
+
+def _in_degrees(xy: Float[np.ndarray, "vertices 2"]) -> bool:
+    """Check whether positions may be degrees. Layouts in a unit square have small numbers, too."""
+    return bool((np.abs(xy) <= [180, 90]).all() and np.abs(xy).max() > 1)
 
 
 def _lengths(edges: list[Edge]) -> np.ndarray | None:

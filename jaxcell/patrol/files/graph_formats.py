@@ -16,16 +16,21 @@ import numpy as np
 from ...base.documents import (
     Fields,
     check_file,
+    checked_list,
     checked_number,
     decode_json,
     read_text,
     refused,
 )
+from ...base.doubts import Doubt, warn
 from ...optimize.geographic import positioned
 
 
 LIST_SUFFIXES = (".edges", ".txt")
-SUFFIXES = ".json (node-link), .graphml, .gml, .adjlist, .graph, .edges or .txt (edge list)"
+SUFFIXES = (
+    ".json (node-link), .geojson (routes), .graphml, .gml, .adjlist, .graph, .edges or .txt (edge "
+    "list)"
+)
 _NETWORKX = (".graphml", ".gml", ".adjlist")
 _WEIGHT = re.compile(r"""["\s]weight["\s]""")
 # Errors of networkx for damaged files, besides its own.
@@ -63,28 +68,81 @@ def about_file(path: Path) -> Iterator[None]:
         raise ValueError(f"{path}: {error}") from error
 
 
-def parsed(path: Path) -> Parts:
-    """Parse a file. The text is the field that makes the graph directed, or empty."""
+def parsed(path: Path, weight: str | None = None) -> Parts:
+    """Parse a file. The text is the field that makes the graph directed, or empty.
+
+    `weight` names the attribute of edges that is their length, by default `length`.
+    """
     check_file(path, "a graph")
     suffix = path.suffix.lower()
+    length = weight or "length"
     parsers: dict[str, Callable[[str], Parts]] = {
-        ".json": _parse_json,
+        ".json": functools.partial(_parse_json, length),
+        ".geojson": functools.partial(_parse_routes, length),
         ".graph": _parse_simulator,
-        **dict.fromkeys(LIST_SUFFIXES, _parse_list),
-        **{name: functools.partial(_parse_networkx, name) for name in _NETWORKX},
+        **dict.fromkeys(LIST_SUFFIXES, functools.partial(_parse_list, weight)),
+        **{name: functools.partial(_parse_networkx, name, length) for name in _NETWORKX},
     }
     with about_file(path):
         if suffix not in parsers:
             raise ValueError(f"unknown format {suffix!r}; expected {SUFFIXES}")
-        return parsers[suffix](_text(path))
+        parts = parsers[suffix](_text(path))
+        if weight is not None and all(edge.length is None for edge in parts[1]):
+            raise ValueError(f"`weight`: no edge has {weight!r}")
+        return parts
 
 
-def _parse_json(text: str) -> Parts:
+def _parse_routes(weight: str, text: str) -> Parts:
+    """Parse a route graph of nav2: points with an id, and lines from `startid` to `endid`."""
+    vertices: list[Vertex] = []
+    edges: list[Edge] = []
+    document = decode_json(text, "a graph")
+    if not isinstance(document, dict):
+        raise ValueError(f"expected an object with features, got {reprlib.repr(document)}")
+    for i, feature in enumerate(Fields(document).parts("features")):
+        field, about = f"features[{i}]", _part(feature, "properties")
+        if "startid" in about.values:
+            ends = str(about.needed("startid")), str(about.needed("endid"))
+            edges.append(Edge(field, *ends, about.get(weight)))
+        else:
+            place = _part(feature, "geometry").needed("coordinates")
+            at = place[:2] if isinstance(place, list) else place
+            vertices.append(Vertex(field, str(about.needed("id")), {"pos": at}))
+    return vertices, edges, "startid"
+
+
+def _part(fields: Fields, name: str) -> Fields:
+    """Return the object with this name, as fields."""
+    value = fields.needed(name)
+    if not isinstance(value, dict):
+        raise fields.refused(name, "an object")
+    return Fields(value, f"{fields.where}{name}.")
+
+
+def _parse_problem(problem: Fields) -> Parts:
+    """Parse a problem of RoSSO (John et al. 2023), whose `weight_matrix` has times of edges."""
+    rows = checked_list("weight_matrix", problem.needed("weight_matrix"))
+    unused = [name for name in ("stationary_distribution", "tau") if problem.get(name) is not None]
+    if unused:
+        warn(f"of the problem, {' and '.join(unused)} are not used; give `attack_time`", Doubt)
+    edges = [
+        Edge(f"weight_matrix[{i}][{j}]", str(i), str(j), time)
+        for i, row in enumerate(rows)
+        for j, time in enumerate(checked_list(f"weight_matrix[{i}]", row))
+        if i != j and time != 0
+    ]
+    vertices = [Vertex(f"weight_matrix[{i}]", str(i), {}) for i in range(len(rows))]
+    return vertices, edges, "weight_matrix"
+
+
+def _parse_json(weight: str, text: str) -> Parts:
     document = decode_json(text, "a graph")
     if not isinstance(document, dict):
         raise ValueError(f"expected an object with nodes and edges, got {reprlib.repr(document)}")
     if document.get("format") == "jaxcell-map":
         raise ValueError("it is a map, not a graph; study.PatrolMap takes it")
+    if "problem_params" in document:
+        return _parse_problem(_part(Fields(document), "problem_params"))
     # networkx until version 3.4, and D3, call the edges "links".
     key = "edges" if "edges" in document else "links"
     fields, about = Fields(document), document.get("graph")
@@ -95,14 +153,14 @@ def _parse_json(text: str) -> Parts:
             for i, node in enumerate(fields.parts("nodes"))
         ],
         [
-            Edge(f"{key}[{i}]", edge.needed("source"), edge.needed("target"), edge.get("length"))
+            Edge(f"{key}[{i}]", edge.needed("source"), edge.needed("target"), edge.get(weight))
             for i, edge in enumerate(fields.parts(key))
         ],
         "directed" if document.get("directed") else "",
     )
 
 
-def _parse_networkx(suffix: str, text: str) -> Parts:
+def _parse_networkx(suffix: str, weight: str, text: str) -> Parts:
     import networkx as nx
 
     lines = text.splitlines()
@@ -122,11 +180,11 @@ def _parse_networkx(suffix: str, text: str) -> Parts:
             }[suffix]()
     except (nx.NetworkXError, *_FAULTS) as error:
         raise ValueError(f"not {suffix} that networkx reads: {str(error)[:300]}") from None
-    vertices, edges, directed = of_networkx(graph)
+    vertices, edges, directed = of_networkx(graph, weight)
     return vertices, edges, "edgedefault" if directed and suffix == ".graphml" else directed
 
 
-def of_networkx(graph: Any) -> Parts:
+def of_networkx(graph: Any, weight: str = "length") -> Parts:
     """Return the parts of a graph of networkx, whose numbers may be those of NumPy."""
 
     def plain(value: Any) -> Any:
@@ -146,7 +204,7 @@ def of_networkx(graph: Any) -> Parts:
         ],
         [
             Edge(f"edge {tail!r} to {head!r}", str(tail), str(head), plain(length))
-            for tail, head, length in graph.edges(data="length")
+            for tail, head, length in graph.edges(data=weight)
         ],
         "directed" if graph.is_directed() else "",
     )
@@ -226,21 +284,28 @@ def has_weights(path: str | os.PathLike[str] | Any) -> bool:
     )
 
 
-def _parse_list(text: str) -> Parts:
+def _parse_list(weight: str | None, text: str) -> Parts:
     vertices: list[Vertex] = []
     edges: list[Edge] = []
     for number, line in enumerate(text.splitlines(), 1):
-        field, words = f"line {number}", line.partition("#")[0].split()
+        field, words = f"line {number}", line.partition("#")[0].partition("%")[0].split()
         # networkx writes an edge without attributes as `name name {}`.
         if len(words) == 3 and words[2] == "{}":
             words.pop()
-        if len(words) == 3:
+        if weight is not None and len(words) > 2:
+            edges.append(Edge(field, *words[:3]))
+        elif len(words) == 3:
             name, x, y = words
             vertices.append(Vertex(field, name, {"x": x, "y": y}))
         elif len(words) == 2:
             edges.append(Edge(field, *words))
         elif words:
             raise refused(field, "a vertex (name x y) or an edge (name name)", line.strip())
+    if vertices and not edges:
+        raise ValueError(
+            "it has no edges: a line of three words is a vertex, name x y; if it is an edge with "
+            "its length, set `weight`"
+        )
     if not vertices:
         ends = {name: edge.field for edge in edges for name in (edge.tail, edge.head)}
         vertices = [Vertex(field, name, {}) for name, field in ends.items()]

@@ -251,7 +251,7 @@ class GraphPatrol(Measures):
         if self.walks_with_memory is not None:
             remarks.append("times, shares and entropy above are those of the walk without memory")
         if self.weights_unused:
-            remarks.append("the weights of edges in the file are not used; the walk has its own")
+            remarks.append("the weights of edges in the file are not used, except with `weight`")
         if self.rounded_up > _SAME:
             remarks.append(
                 "the walk has travel times rounded up to whole units of time, by up to "

@@ -25,10 +25,8 @@ def plan_fields(document: Mapping[str, Any], file: str) -> dict[str, Any]:
         return {}
     try:
         found = list(_geometries(document))
-    except RecursionError:
-        raise ValueError(
-            "expected GeoJSON of positions, got lists that are nested too deep"
-        ) from None
+    except (RecursionError, TypeError):
+        raise ValueError("expected GeoJSON: features, geometries, and lists of positions") from None
     try:
         polygons = [
             shapely.Polygon(part[0], part[1:])

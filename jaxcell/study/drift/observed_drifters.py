@@ -7,7 +7,7 @@ import tyro
 
 from ... import drift, space, verify as verification
 from ...base import memory
-from ..parameters import AtLeastOne, Days, Degrees, Headings, Limit, Only, WholeNumber
+from ..parameters import AtLeastOne, Days, Degrees, Headings, Limit, Only, Unit, WholeNumber
 from ..study import Say, about, renamed, silent
 from .sea_study import Bounds, Files, SeaStudy, degrees_of
 
@@ -18,7 +18,7 @@ _MAX_MOVES = 10_000
 # The suffixes of files of counts; and parameters that have an effect only on trajectories, or only
 # on counts.
 _COUNTS = (".npz", ".graphml")
-_OF_TRACKS = ("lag", "cell", "bounds", "drogue", "samples", "seed")
+_OF_TRACKS = ("lag", "cell", "bounds", "drogue", "max_speed", "samples", "seed")
 _OF_COUNTS = ("from_", "to")
 
 
@@ -31,6 +31,7 @@ class Drifters(SeaStudy):
     example: ClassVar[str] = "@drifters --nearly-closed 2 --out runs/drifters"
     task: ClassVar[str] = "drifters"
     headings: ClassVar[Headings] = {
+        "How is the file read?": ("max_speed",),
         "By which route, for counts?": ("from_", "to"),
         "How sure is it?": ("samples", "seed"),
     }
@@ -64,6 +65,8 @@ class Drifters(SeaStudy):
     """Number of bootstrap samples of drifters, drawn with replacement, to estimate the errors."""
     seed: WholeNumber = 0
     """Seed of the bootstrap samples."""
+    max_speed: Annotated[float, Unit("", "m/s"), Limit(gt=0)] = 10.0
+    """Largest speed of a drifter in m/s; observations that need a larger one are left out."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -101,7 +104,7 @@ class Drifters(SeaStudy):
         if self.counts is not None:
             return self._of_counts(self.counts, say)
         say("reading trajectories")
-        seen = drift.open_trajectories(self.file)
+        seen = drift.open_trajectories(self.file, self.max_speed)
         if self.drogue is not None:
             with about("drogue"):
                 seen = seen.with_drogue(self.drogue == "kept")

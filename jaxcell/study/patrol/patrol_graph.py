@@ -49,6 +49,7 @@ class PatrolGraph(Study):
     headings: ClassVar[Headings] = {
         "How may a robot walk?": ("share", "constraints", "paths", "memory_states"),
         "What can an adversary do?": ("attack_times", "values", "time_unit"),
+        "How is the file read?": ("weight",),
         "How do robots work together?": ("division", "base", "charger", "every", "baselines"),
     }
 
@@ -134,6 +135,9 @@ class PatrolGraph(Study):
     visit is longest ago."""
     seed: int = 0
     """Seed of the recorded walk, and of simulations."""
+    weight: str | None = None
+    """Attribute of edges that is their length, such as weight; by default length. In a list of
+    edges, the third word of an edge is its length then, whatever the name."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -147,7 +151,7 @@ class PatrolGraph(Study):
                 raise ValueError(f"division: a part of the graph may lack vertices of `{name}`")
 
     def memory(self, written: bool = False) -> float | int:
-        graph, _ = patrol.load_graph(self.file)
+        graph, _ = patrol.load_graph(self.file, self.weight)
         weighted = self.strategy == "commute" or self.game
         states = graph.vertices * self.memory_states
         needed = space.estimates.walk(states, len(graph.edges), weighted)
@@ -158,7 +162,7 @@ class PatrolGraph(Study):
     def run(self, say: Say = silent) -> "patrol.GraphPatrol":
         from .strategies import find_walks
 
-        graph, names = patrol.load_graph(self.file)
+        graph, names = patrol.load_graph(self.file, self.weight)
         if self.speed is not None and self.time_unit is None:
             unit = 1.0
             if self.guards and graph.lengths.any():
@@ -180,7 +184,7 @@ class PatrolGraph(Study):
             by_steps=self.speed is not None and self.strategy in _BY_STEPS,
             time_unit=self.time_unit,
             rounded_up=self._rounded_up(graph),
-            weights_unused=patrol.files.has_weights(self.file),
+            weights_unused=self.weight is None and patrol.files.has_weights(self.file),
             seed=self.seed,
         )
         with_memory = self._walks_with_memory(patrolled, beside, say)

@@ -9,7 +9,7 @@ from ... import patrol, record, verify as verification
 from ...base import memory
 from ...base.optional_modules import has_module
 from ...base.secondary import Secondary
-from ..parameters import AtLeastOne, Limit, Only
+from ..parameters import AtLeastOne, Headings, Limit, Only
 from ..study import Say, Study, silent
 from .patrol_graph import GraphFile
 
@@ -76,6 +76,7 @@ class PatrolGuard(_Rounds):
     name: ClassVar[str] = "guard"
     command: ClassVar[str] = "patrol guard"
     example: ClassVar[str] = "@eight --robots 2 --attack-time 6"
+    headings: ClassVar[Headings] = {"How is the file read?": ("weight", "directed")}
     task: ClassVar[str] = "patrol_guard"
 
     file: tyro.conf.Positional[Annotated[GraphFile, tyro.conf.arg(constructor=Path)]] = (
@@ -101,6 +102,11 @@ class PatrolGuard(_Rounds):
     guards and chooses the moment (watcher)."""
     hours: _Hours = 8.0
     """Hours in schedule.csv, which --out writes; of 60 steps each, without --speed."""
+    weight: str | None = None
+    """Attribute of edges that is their length, such as weight; by default length. In a list of
+    edges, the third word of an edge is its length then, whatever the name."""
+    directed: bool = False
+    """Take each edge of the file as one-way, from its first vertex to its second."""
 
     def run(self, say: Say = silent) -> "patrol.rounds.Guarded":
         game = self.game()
@@ -125,13 +131,21 @@ class PatrolGuard(_Rounds):
         given = {"robots": self.robots, "adversary": self.adversary}
         known: Any = {name: value for name, value in given.items() if value is not None}
         if isinstance(self.file, Path) and patrol.rounds.is_game(self.file):
-            for name in ("attack_time", "speed", "targets", "attack_times", "values"):
+            for name in (
+                "attack_time",
+                "speed",
+                "targets",
+                "attack_times",
+                "values",
+                "weight",
+                "directed",
+            ):
                 if getattr(self, name):
                     raise ValueError(f"{name}: {self.file} is a game, which has its own")
             return dataclasses.replace(patrol.rounds.load_game(self.file), **known)
         if self.attack_time is None and self.attack_times is None:
             raise ValueError("expected one of `attack_time` or `attack_times`")
-        ways = patrol.files.load_ways(self.file)
+        ways = patrol.files.load_ways(self.file, self.weight, self.directed)
         names = self.targets or ways.names
         attack: Any = self.attack_time
         if self.attack_times is not None:

@@ -9,6 +9,7 @@ import xarray as xr
 from hypothesis import given, strategies as st
 
 from jaxcell import drift
+from jaxcell.base.doubts import Doubt
 from jaxcell.drift.observed.moves import located
 
 
@@ -379,3 +380,31 @@ def test_bad_tables_and_names_are_refused(tmp_path):
         drift.open_trajectories(path)
     with pytest.raises(ValueError, match=r"ends in \.nc or \.parquet"):
         drift.save_trajectories(drift.open_trajectories(parcels()), tmp_path / "seen.csv")
+
+
+def test_particles_counted_per_time_are_read(tmp_path):
+    """The layout of PyGNOME: the particles of one time after those of another, with their ids."""
+    data = {
+        "particle_count": ("time", [2, 3, 1], {"ragged_row_count": "particles at each time"}),
+        "id": ("data", np.array([7, 9, 7, 8, 9, 9], np.uint32)),
+        "longitude": ("data", [1.0, 2.0, 1.1, 3.0, 2.1, 2.2]),
+        "latitude": ("data", [40.0, 41.0, 40.0, 42.0, 41.0, 41.0]),
+    }
+    time = ("time", [0.0, 3600.0, 7200.0], {"units": "seconds since 2024-03-07T15:00:00"})
+    file = xr.Dataset(data, {"time": time})
+    seen = drift.open_trajectories(file)
+    assert seen.drifter.tolist() == [0, 0, 1, 2, 2, 2]
+    np.testing.assert_allclose(seen.lon, [1.0, 1.1, 3.0, 2.0, 2.1, 2.2])
+    assert seen.time.tolist() == [0, 3600, 3600, 0, 3600, 7200]
+    file["particle_count"] = file["particle_count"].copy(data=[2, 3, 2])
+    with pytest.raises(ValueError, match="particle_count: expected 6 observations, got 7"):
+        drift.open_trajectories(file)
+
+
+def test_the_largest_speed_can_be_chosen():
+    """A degree of longitude in an hour on the equator is 31 m/s."""
+    lon, time = np.array([4.0, 4.01, 4.02, 5.02, 4.04]), 3600.0 * np.arange(5)
+    columns = lon, 0 * lon, time, np.zeros(5, int)
+    with pytest.warns(Doubt, match=r"1 of 5 observations .* than 10 m/s.*, set `max_speed`"):
+        assert drift.Trajectories.of(*columns).lon.size == 4
+    assert drift.Trajectories.of(*columns, max_speed=32).lon.size == 5
