@@ -22,7 +22,7 @@ from .chains import sampled
 from .deviations import listed
 from .ends import Ends, Region
 from .escape import escape, posed
-from .windows import changes, matrix, widths
+from .windows import Windows, changes, matrix
 
 
 # Number of values between which solutions are interpolated.
@@ -191,18 +191,16 @@ class Family:
             self.nodes[value] = self._solved(value)
         return self.nodes[value]
 
-    def _given(self, value: float) -> tuple[Any, ...]:
+    def _windows(self, value: float) -> Windows:
         params = {name: jnp.asarray(one, float) for name, one in self.params.items()}
         params[self.name] = jnp.asarray(value, float)
-        wide = widths(self.map, self.ends.box, params, self.noise, self.points)
-        return self.map, self.ends.box, wide, params
+        return Windows.of(self.map, self.ends.box, params, self.noise, self.points)
 
     def _checked(self, value: float, time: Any, visits: Any) -> tuple[Any, Any, Any]:
         """Compute the mean time, derivative and residual, and the residual of each cell."""
-        given = self._given(value)
-        slope = {name: jnp.asarray(float(name == self.name)) for name in given[-1]}
-        about = slope, self.noise, self.points, self.rest, time, visits
-        change, by, after = (np.asarray(each) for each in changes(*given, *about))
+        windows = self._windows(value)
+        slope = {name: jnp.asarray(float(name == self.name)) for name in windows.params}
+        change, by, after = map(np.asarray, changes(windows, slope, self.rest, time, visits))
         alive = self.rest > 0
         left = np.where(alive, 1 + change, 0.0)
         astray = np.where(alive, self.weight + after - visits, 0.0)
@@ -212,10 +210,8 @@ class Family:
         return (mean, float(visits @ by), residual), left, astray
 
     def _solved(self, value: float) -> Any:
-        given = self._given(value)
-        step, _ = matrix(*given, self.noise, self.points)
         alive = np.flatnonzero(self.rest > 0)
-        inside = np.asarray(step) * self.rest
+        inside = np.asarray(matrix(self._windows(value))) * self.rest
         system = np.eye(alive.size) - inside[np.ix_(alive, alive)]
         factor = scipy.linalg.lu_factor(system, overwrite_a=True, check_finite=False)
 

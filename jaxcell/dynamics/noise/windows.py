@@ -1,5 +1,6 @@
 """Rows of chains of noisy maps as windows of cells, computed and applied in one program of JAX."""
 
+import dataclasses
 import functools
 import math
 from typing import Any
@@ -7,7 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from ...space.box import Box
 from ...space.cells import TOLERANCE
@@ -24,28 +25,38 @@ _PART = 1 << 17
 _LEAST = 1e-12
 
 
-def widths(
-    map: Map,
-    box: Box,
-    params: Any,
-    noise: Any,
-    points: Float[Any, "cells samples axes"],
-) -> tuple[int, ...]:
-    """Find the numbers of cells along each axis that the windows of all rows need."""
-    found = np.asarray(_reach(map, box, params, noise, points))
-    each = np.ceil((found + 2) / _STEP) * _STEP
-    # Windows along a periodic axis may be longer than it.
-    most = np.where(np.array(box.axes) == "periodic", np.inf, box.cells)
-    return tuple(np.minimum(each, most).astype(int).tolist())
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
+class Windows:
+    """A chain of a noisy map, whose rows are windows of as many cells along each axis."""
+
+    map: Map = dataclasses.field(metadata={"static": True})
+    box: Box = dataclasses.field(metadata={"static": True})
+    wide: tuple[int, ...] = dataclasses.field(metadata={"static": True})
+    params: Any
+    noise: Any
+    points: Any
+
+    @classmethod
+    def of(cls, map: Map, box: Box, params: Any, noise: Any, points: Any) -> "Windows":
+        """Find the number of cells that the longest window needs along each axis."""
+        reach = np.asarray(_reach(map, box, params, points)) + 2 * _CUT * noise / box.width
+        each = np.ceil((reach + 2) / _STEP) * _STEP
+        # Windows along a periodic axis may be longer than it.
+        most = np.where(np.array(box.axes) == "periodic", np.inf, box.cells)
+        wide = tuple(np.minimum(each, most).astype(int).tolist())
+        return cls(map, box, wide, params, noise, points)
+
+    @property
+    def batch(self) -> int:
+        """The number of rows that are computed at once."""
+        return min(max(1, _PART // math.prod(self.wide)), self.box.size)
 
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
-def _reach(map: Map, box: Box, params: Any, noise: Any, points: Any) -> Any:
-    def reach(points: Any) -> Any:
-        place, _ = _places(map, box, params, points)
-        return jnp.ptp(place, axis=0)
-
-    return jax.vmap(reach)(points).max(axis=0) + 2 * _CUT * noise / box.width
+def _reach(map: Map, box: Box, params: Any, points: Any) -> Any:
+    each = jax.vmap(lambda points: jnp.ptp(_places(map, box, params, points)[0], axis=0))(points)
+    return each.max(axis=0)
 
 
 def _places(map: Map, box: Box, params: Any, points: Any) -> tuple[Any, Any]:
@@ -56,11 +67,10 @@ def _places(map: Map, box: Box, params: Any, points: Any) -> tuple[Any, Any]:
     return (wrapped - jnp.asarray(box.lower)[None]) / box.width[None], finite
 
 
-def _row(
-    map: Map, box: Box, wide: tuple[int, ...], params: Any, noise: Any, points: Any
-) -> tuple[Any, Any, tuple[Int[Array, "width"], ...]]:
+def _row(windows: Windows, params: Any, points: Any) -> tuple[Any, Any, tuple[Any, ...]]:
     """Compute the probabilities of the cells in a window, and of leaving, and list the cells."""
-    place, finite = _places(map, box, params, points)
+    box, wide, noise = windows.box, windows.wide, windows.noise
+    place, finite = _places(windows.map, box, params, points)
     value, cells = finite[:, None].astype(float) / len(points), []
     for axis, (count, kind, width) in enumerate(zip(box.cells, box.axes, wide, strict=True)):
         scale = noise[axis] / box.width[axis]
@@ -92,57 +102,49 @@ def _between(face: Float[Array, "points faces"]) -> Float[Array, "points cells"]
     return jnp.where((low <= 0) & (high > 0), 1 - below - beyond, same)
 
 
-@functools.partial(jax.jit, static_argnames=("map", "box", "wide"))
-def matrix(
-    map: Map, box: Box, wide: tuple[int, ...], params: Any, noise: Any, points: Any
-) -> tuple[Float[Array, "cells cells"], Float[Array, "cells"]]:
-    """Compute the transition matrix, and the probability of leaving the box from each cell."""
+@jax.jit
+def matrix(windows: Windows) -> Float[Array, "cells cells"]:
+    """Compute the transition matrix."""
 
     def row(points: Any) -> Any:
-        value, leaving, cells = _row(map, box, wide, params, noise, points)
-        whole = jnp.zeros(box.cells).at[jnp.ix_(*cells)].add(value)
-        return whole.ravel(), leaving
+        value, _, cells = _row(windows, windows.params, points)
+        return jnp.zeros(windows.box.cells).at[jnp.ix_(*cells)].add(value).ravel()
 
-    return jax.lax.map(row, points, batch_size=_batch(wide))
+    return jax.lax.map(row, windows.points, batch_size=windows.batch)
 
 
-@functools.partial(jax.jit, static_argnames=("map", "box", "wide"))
+@jax.jit
 def changes(
-    map: Map,
-    box: Box,
-    wide: tuple[int, ...],
-    params: Any,
+    windows: Windows,
     slope: Any,
-    noise: Any,
-    points: Any,
-    rest: Float[Array, "cells"],
-    time: Float[Array, "cells"],
-    visits: Float[Array, "cells"],
+    rest: Float[Array | np.ndarray, "cells"],
+    time: Float[Array | np.ndarray, "cells"],
+    visits: Float[Array | np.ndarray, "cells"],
 ) -> tuple[Float[Array, "cells"], Float[Array, "cells"], Float[Array, "cells"]]:
     """Apply a chain that stops in some cells to times, and its adjoint to visits.
 
-    **Arguments:** the map, as for `widths`; `slope`, the direction in which the parameters change;
-    `rest`, the share of each cell in which the chain does not stop; mean times and visits.
-    **Returns:** the expected change of the time in a step from each cell, its derivative along
-    `slope`, and the visits after a step. Probabilities of a row sum to 1, so that the change is a
-    sum of differences, with all its digits where times are nearly equal.
+    **Arguments:** the chain; `slope`, the direction in which its parameters change; `rest`, the
+    share of each cell in which the chain does not stop; mean times and visits. **Returns:** the
+    expected change of the time in a step from each cell, its derivative along `slope`, and the
+    visits after a step. Probabilities of a row sum to 1, so that the change is a sum of
+    differences, with all its digits where times are nearly equal.
     """
+    box, count = windows.box, windows.batch
     later = (rest * time).reshape(box.cells)
-    count = min(_batch(wide), box.size)
 
     def one(points: Any, now: Any, visits: Any) -> Any:
         def moved(params: Any) -> Any:
-            value, leaving, cells = _row(map, box, wide, params, noise, points)
+            value, leaving, cells = _row(windows, params, points)
             ahead = later[jnp.ix_(*cells)] - now
             return jnp.sum(value * ahead) - leaving * now, (value, cells)
 
-        change, by, (value, cells) = jax.jvp(moved, (params,), (slope,), has_aux=True)
+        change, by, (value, cells) = jax.jvp(moved, (windows.params,), (slope,), has_aux=True)
         return change, by, visits * value, cells
 
     def part(after: Any, rows: Any) -> Any:
         change, by, value, cells = jax.vmap(one)(*rows)
         index = [
-            one.reshape(len(one), *[1] * axis, -1, *[1] * (len(wide) - axis - 1))
+            one.reshape(len(one), *[1] * axis, -1, *[1] * (box.dimensions - axis - 1))
             for axis, one in enumerate(cells)
         ]
         return after.at[tuple(index)].add(value), (change, by)
@@ -152,14 +154,10 @@ def changes(
         lambda each: jnp.concatenate([each, each[: filled - box.size]]).reshape(
             -1, count, *each.shape[1:]
         ),
-        (points, time, visits),
+        (windows.points, time, visits),
     )
     known = (jnp.arange(filled) < box.size).reshape(-1, count)
     rows = rows[0], rows[1], jnp.where(known, rows[2], 0.0)
     after, found = jax.lax.scan(part, jnp.zeros(box.cells), rows)
     change, by = (each.ravel()[: box.size] for each in found)
     return change, by, rest * after.ravel()
-
-
-def _batch(wide: tuple[int, ...]) -> int:
-    return max(1, _PART // math.prod(wide))
