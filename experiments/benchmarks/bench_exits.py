@@ -1,6 +1,6 @@
 """Time mean exit times along a parameter of a noisy map of the plane, beside a loop.
 
-Run `python experiments/benchmarks/bench_exits.py`; it takes about 4 min.
+Run `python experiments/benchmarks/bench_exits.py`; it takes 5 to 10 min.
 
 A particle jumps between two wells on 64 x 64 cells, with noise at each mapping. Its mean time until
 the other well, and the derivative by the depth of the wells, are computed for 1,000 depths. The
@@ -36,7 +36,7 @@ def exits(repeats: int) -> list[Row]:
         found = dynamics.exit_times(system, "a", values, **ABOUT)
         print(
             f"{found.solved} chains solved, {found.alone.sum()} members alone, residual "
-            f"{found.residual.max():.1e}, times {found.mean_time[0]:.6g} to {found.mean_time[-1]:.6g}"
+            f"{found.residual.max():.1e}"
         )
         slope = np.gradient(np.log(found.mean_time), values, edge_order=2)
         own = found.derivative / found.mean_time

@@ -92,7 +92,7 @@ def exit_times(
         ...     noise=0.2, start=[-1], into=lambda x: x[:, 0] > 0,
         ... )
         >>> found.mean_time[[0, -1]].round(1).tolist(), int(found.alone.sum())
-        ([0, 0], 0)
+        ([358.7, 1309.9], 0)
     """
     values = np.asarray(values, float)
     if values.ndim != 1 or not np.isfinite(values).all():

@@ -160,4 +160,4 @@ def changes(
     rows = rows[0], rows[1], jnp.where(known, rows[2], 0.0)
     after, found = jax.lax.scan(part, jnp.zeros(box.cells), rows)
     change, by = (each.ravel()[: box.size] for each in found)
-    return change, by, rest * after.ravel()
+    return change, by, jnp.asarray(rest) * after.ravel()
