@@ -129,7 +129,7 @@ class Family:
     nodes: dict[float, Any] = dataclasses.field(default_factory=dict)
     "Logarithms of the times and of the visits, keyed by the value of the parameter."
     levels: dict[tuple[int, int], bool] = dataclasses.field(default_factory=dict)
-    "Whether solutions are interpolated in an interval of the lattice, by its level and number."
+    "Flags of the intervals in which solutions are interpolated, keyed by level and number."
 
     @classmethod
     def of(
