@@ -28,7 +28,8 @@ other functions run on the host.
 
 `images`, `basins`, `stored_basins`, `foretold`, `continuation` and `chain` map the cells of a box,
 and `moved` estimates the errors of a chain. `diffusion` builds the chain of a stochastic
-differential equation, and `escape` computes how long a noisy system stays in a region.
+differential equation, and `escape` computes how long a noisy system stays in a region;
+`exit_times` computes the mean time for many values of a parameter, with its derivative.
 `refined`, `edge_states`, `unstable_set`, `relative_attractor`, `morse_sets` and `enclose` find
 boundaries and invariant sets more exactly. `basin_stability`, `basin_entropy`, `wada`, `overlap`,
 `uncertainty_exponent` and `minimal_critical_shock` measure basins.

@@ -13,6 +13,7 @@ from .maps import Flow as Flow, Map as Map, flow as flow, section as section, st
 from .noise.chains import chain as chain, moved as moved
 from .noise.diffusion import Diffusion as Diffusion, diffusion as diffusion
 from .noise.escape import Escape as Escape, escape as escape
+from .noise.exit_times import ExitTimes as ExitTimes, exit_times as exit_times
 from .outer.images import (
     Corners as Corners,
     Intervals as Intervals,

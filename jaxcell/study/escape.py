@@ -1,4 +1,5 @@
 import dataclasses
+import functools
 import operator
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -7,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from .. import dynamics
 from ..base import memory
 from ..base.formatting import did_you_mean
-from ..base.quantities import quantity
+from ..base.quantities import quantities, quantity
 from .batches import Numbers
 from .dynamics import SystemStudy, read_params
 from .study import Say, Wanted, every, scalars, silent
@@ -30,6 +31,7 @@ class Escape(SystemStudy):
     command: ClassVar[str] = "escape"
     example: ClassVar[str] = "well --noise 0.4 --start=-1 --into 'x>0' --gradient"
     task: ClassVar[str] = "escape"
+    varied: ClassVar[tuple[str, ...]] = ("params",)
 
     noise: tuple[float, ...]
     """Standard deviation of the noise, one number for all axes or one per axis: per square root of
@@ -73,18 +75,66 @@ class Escape(SystemStudy):
         }
 
     def numbers(self, columns: "Mapping[str, np.ndarray]", wanted: Wanted = every) -> Numbers:
-        """Compute the numbers of a result, and its derivatives, `d_mean_time_d_NAME`."""
+        """Compute the numbers of a result, and its derivatives, `d_mean_time_d_NAME`.
+
+        If only the mean time, and its derivative by the only parameter that varies, are wanted, a
+        map has them from [`jaxcell.dynamics.exit_times`][].
+        """
         import numpy as np
 
-        result = self.run()
-        found = scalars(result, (), wanted)
-        if result.cause is None or result.derivative is None:
-            return found
-        for cause, slope in zip(result.cause, result.derivative, strict=True):
-            if wanted(name := f"d_mean_time_d_{cause}"):
-                about = quantity("", f"derivative of the mean time, by the {cause}")
-                found[name] = about, np.asarray(slope)
-        return found
+        names = [name.removeprefix("params_") for name in columns]
+        slopes = {f"d_mean_time_d_{cause}": cause for cause in (*self.chosen.params, "noise")}
+        described = {
+            **quantities(dynamics.Escape),
+            **{
+                name: quantity("", f"derivative of the mean time, by the {cause}")
+                for name, cause in slopes.items()
+            },
+        }
+        asked = {*filter(wanted, described)}
+
+        def alone(study: Escape) -> dict[str, Any]:
+            result = study.run()
+            numbers = {name: value for name, (_, value) in scalars(result, (), wanted).items()}
+            if result.cause is not None and result.derivative is not None:
+                own = zip(result.cause, result.derivative, strict=True)
+                numbers |= {f"d_mean_time_d_{cause}": slope for cause, slope in own}
+            return {name: one for name, one in numbers.items() if name in asked}
+
+        if not columns:
+            return {k: (described[k], np.asarray(one)) for k, one in alone(self).items()}
+        family = self._family(names, asked)
+        rows = []
+        for values in zip(*(column.tolist() for column in columns.values()), strict=True):
+            found = family and family.at(values[0])
+            if found:
+                both = zip(("mean_time", f"d_mean_time_d_{names[0]}"), found, strict=False)
+                rows.append({name: one for name, one in both if name in asked})
+            else:
+                own = (f"{name}={value}" for name, value in zip(names, values, strict=True))
+                rows.append(alone(dataclasses.replace(self, params=(*self.params, *own))))
+        return {k: (described[k], np.array([row[k] for row in rows])) for k in rows[0]}
+
+    def _family(self, names: list[str], asked: set[str]) -> Any:
+        """Return the chains along a parameter if the numbers that are asked come from them."""
+        fast = {"mean_time"} | ({f"d_mean_time_d_{names[0]}"} if self.gradient else set())
+        given = self.start and all(one > 0 for one in self.noise) and isinstance(self.system, str)
+        if len(names) > 1 or not asked <= fast or not given:
+            return None
+        if isinstance(self.chosen.map, dynamics.Flow):
+            return None
+        others = (text for text in self.params if text.partition("=")[0].strip() != names[0])
+        return _family_of(dataclasses.replace(self, params=(*others,)), names[0])
+
+
+@functools.lru_cache(maxsize=4)
+def _family_of(study: Escape, name: str) -> Any:
+    """Return the chains along a parameter, which calls of a sweep share."""
+    from ..dynamics.noise.exit_times import Family
+
+    about = study._problem()
+    system = dataclasses.replace(study.chosen, params=about.pop("params"))
+    return Family.of(system, name, **about)
 
 
 def region(text: str, names: Sequence[str], option: str) -> Callable[[Any], Any]:

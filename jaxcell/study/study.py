@@ -60,8 +60,8 @@ class Study:
     task: ClassVar[str] = ""
     "Name of the task in specifications of sweeps; empty for a study that is not a built-in task."
     varied: ClassVar[tuple[str, ...]] = ()
-    """Parameters of single numbers. Members of a sweep that differ only in them are computed
-    together, by `numbers`."""
+    """Parameters of single numbers, or `params`. Members of a sweep that differ only in them are
+    computed together, by `numbers`."""
     headings: ClassVar[Headings] = {}
     "Parameters that are not in the first part of the help page, by the heading of their part."
 

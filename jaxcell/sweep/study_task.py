@@ -139,10 +139,11 @@ def _together(
     **Returns:** for each group the indices of its members, the study of the first, and the columns
     of the parameters in which the others differ from it.
     """
+    several = tuple(f"{name}_" for name in study.varied)
     varied = {
-        name: batch[name]
-        for name in study.varied
-        if name in batch and batch[name].dtype.kind in "iuf"
+        name: column
+        for name, column in batch.items()
+        if (name in study.varied or name.startswith(several)) and column.dtype.kind in "iuf"
     }
     codes = [
         np.unique(column, return_inverse=True)[1]

@@ -273,6 +273,13 @@ def _points(
     return np.where(np.array(box.axes) == "periodic", points, folded)
 
 
+def sampled(
+    box: Box, cells: Int[np.ndarray, "cells"], samples: int = 16
+) -> Float[np.ndarray, "cells samples axes"]:
+    """Choose the points from which a [`chain`][] maps its cells by default."""
+    return _points(box, cells, _shift(box, None)[cells], samples, 1.0)
+
+
 def _turns(dimensions: int) -> Float[np.ndarray, "dimensions"]:
     """Return the increments of an additive recurrence that fills a cube evenly."""
     ratio = 2.0

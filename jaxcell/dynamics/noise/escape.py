@@ -262,29 +262,10 @@ def escape(
         (57.5, True)
     """
     if isinstance(system, System):
-        box = system.box if box is None else box
         params = dict(system.params) if params is None else params
         labels = labels or system.labels
-        map: Map = system.map
-    else:
-        map = with_params(system, 2, "map")
-    if box is None:
-        raise ValueError("box: expected a box for a map")
-    regions = regions_of(into, box)
-    if out_of is not None:
-        inside = within(out_of, box, "out_of")
-        regions["outside"] = lambda points: ~inside(points)
-    continuous = isinstance(map, Flow)
-    ends = Ends.of(box, regions, sides=continuous)
-    if not ends.names:
-        raise ValueError(
-            "into: expected a region where the system ends, or a box with an axis that is a sink"
-        )
-    if not ends.alive.any():
-        raise ValueError(
-            "into: the centre of every cell is in a region where the system ends; expected a box "
-            "with cells outside of all regions"
-        )
+    map, regions, ends = posed(system, box, into, out_of)
+    box, continuous = ends.box, isinstance(map, Flow)
     if start is not None:
         start = tuple(float(one) for one in start)
         ends.weights(start, odd=continuous)
@@ -319,6 +300,32 @@ def escape(
         **fields,
         **causes,
     )
+
+
+def posed(
+    system: System | Map, box: Box | None, into: Any, out_of: Region | None
+) -> tuple[Map, dict[str, Any], Ends]:
+    """Return the map, the regions and the ends of a question about [`escape`][]."""
+    map: Map = system.map if isinstance(system, System) else with_params(system, 2, "map")
+    if box is None and isinstance(system, System):
+        box = system.box
+    if box is None:
+        raise ValueError("box: expected a box for a map")
+    regions = regions_of(into, box)
+    if out_of is not None:
+        inside = within(out_of, box, "out_of")
+        regions["outside"] = lambda points: ~inside(points)
+    ends = Ends.of(box, regions, sides=isinstance(map, Flow))
+    if not ends.names:
+        raise ValueError(
+            "into: expected a region where the system ends, or a box with an axis that is a sink"
+        )
+    if not ends.alive.any():
+        raise ValueError(
+            "into: the centre of every cell is in a region where the system ends; expected a box "
+            "with cells outside of all regions"
+        )
+    return map, regions, ends
 
 
 def _plain(value: Any) -> Any:
