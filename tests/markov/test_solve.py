@@ -187,3 +187,21 @@ def test_part_that_is_never_left_is_refused():
     around = scipy.sparse.csr_array(np.roll(np.eye(3), 1, axis=1))
     with pytest.raises(RuntimeError, match="never leaves"):
         Transient.of(around, np.ones(3, bool))
+
+
+@pytest.mark.parametrize("adjoint", [False, True])
+def test_nearly_full_matrices_have_dense_factors(adjoint):
+    rng = np.random.default_rng(0)
+    matrix = rng.random((300, 300))
+    matrix /= 1.001 * matrix.sum(axis=1, keepdims=True)
+    right = rng.random((300, 2))
+    found = solve.factored(scipy.sparse.csr_array(matrix))(right, adjoint)
+    known = np.linalg.solve(np.eye(300) - (matrix.T if adjoint else matrix), right)
+    np.testing.assert_allclose(found, known, rtol=1e-11)
+
+
+def test_singular_full_matrix_is_refused():
+    matrix = np.full((30, 30), 1 / 30)
+    matrix[0] = np.eye(30)[0]
+    with pytest.raises(RuntimeError, match="singular"):
+        solve.factored(scipy.sparse.csr_array(matrix))

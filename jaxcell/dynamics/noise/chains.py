@@ -1,6 +1,6 @@
 import functools
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -102,10 +102,16 @@ def chain(
     about: dict[str, Any] = {"samples": samples, "noise": noise, "deviations": deviations}
     if traced(params, noise):
         _check(map, box, params, **about)
-        return _traced_chain(map, box, params, samples, noise, key)
-    *rows, spread = matrices(map, box, params, **about, key=key)
-    half, whole = (Chain.from_scipy(each) for each in reversed(rows))
+        rows = traced_rows(map, box, params, samples=samples, noise=noise, key=key)
+        cells = jnp.arange(box.size, dtype=jnp.int32)
+        return Chain(jnp.broadcast_to(cells[:, None], rows.shape), rows.T)
+    torn_axes(map, box, [params])
+    half, whole = (
+        Chain.from_scipy(matrix(map, box, params, **about, key=key, second=second))
+        for second in (True, False)
+    )
     ends = np.array(box.axes) == "sink"
+    spread = _spread(noise, box, params)[1]
     if (ends & (spread > 0)).any() and persistent_groups(whole).count:
         warn(
             "noise: leads out of the box with less than 1e-12 per mapping from some groups, which "
@@ -115,7 +121,7 @@ def chain(
     return Chain(whole.image, whole.probability, half)
 
 
-def _is_law(noise: Any) -> bool:
+def is_law(noise: Any) -> bool:
     """Check whether noise is a distribution function `noise(z, y, params)`."""
     return callable(noise) and len(inspect.signature(noise).parameters) == 3
 
@@ -127,67 +133,72 @@ def _check(map: Map, box: Box, params: Any, samples: int, noise: Any, deviations
     check_map(map, box, params)
     if isinstance(map, Flow) and map.crossing:
         raise ValueError("map: noise needs equal durations of cells; give flow a number of steps")
-    if _is_law(noise) and (traced(params) or "periodic" in box.axes):
+    if is_law(noise) and (traced(params) or "periodic" in box.axes):
         raise ValueError(
             "noise: a distribution function needs known parameters and no periodic axis"
         )
 
 
-def matrices(
+def _spread(noise: Any, box: Box, params: Any) -> tuple[Callable[..., Any], Any]:
+    """Return the function of standard deviations, and their values at the centres of cells."""
+    spread = deviations_of(0.0 if is_law(noise) else noise, box)
+    each = np.asarray(spread(box.centre(np.arange(box.size, dtype=np.int32)), params))
+    if not (np.isfinite(each).all() and (each >= 0).all()):
+        raise ValueError(f"noise: expected finite numbers from 0, got {each.min()} to {each.max()}")
+    return spread, each
+
+
+def matrix(
     map: Map,
     box: Box,
     params: Any = None,
     *,
+    onto: Box | None = None,
+    second: bool = False,
     samples: int = 16,
     noise: Any = 0.0,
     deviations: float = 8.0,
     key: Any = None,
-) -> tuple[csr_array, csr_array, Float[np.ndarray, "cells axes"]]:
-    """Compute the transition matrices of a [`chain`][] and of its second chain.
+) -> csr_array:
+    """Compute the transition matrix of a [`chain`][], or of its second chain.
 
-    Returns them with the standard deviation of normal noise at each cell.
+    The rows are the cells of the box, and the columns those of the box `onto`, by default the same.
     """
     _check(map, box, params, samples, noise, deviations)
-    law = noise if _is_law(noise) else None
-    spread = deviations_of(0.0 if law else noise, box)
-    centres = box.centre(np.arange(box.size, dtype=np.int32))
-    each = np.asarray(spread(centres, params))
-    if not (np.isfinite(each).all() and (each >= 0).all()):
-        raise ValueError(f"noise: expected finite numbers from 0, got {each.min()} to {each.max()}")
+    law = noise if is_law(noise) else None
+    spread, each = _spread(noise, box, params)
+    onto = box if onto is None else onto
     deviation = each.max(axis=0)
-    torn_axes(map, box, [params])
-    window = np.minimum(2 * np.ceil(deviations * deviation / box.width) + 2, box.cells)
-    window = np.array(box.cells, float) if law else window
+    window = np.minimum(2 * np.ceil(deviations * deviation / box.width) + 2, onto.cells)
+    window = np.array(onto.cells, float) if law else window
     entries = 2 * box.size * window.prod()
     advice = "use fewer cells or fewer deviations"
     memory.check(_BYTES * entries, f"a chain of {box.size} cells", advice)
+    wide, samples = (3.0, max(1, samples // 2)) if second else (1.0, samples)
     part = int(np.clip(_PART // (samples * window.prod()), 1, box.size))
     shift = _shift(box, key)
     rng = np.random.default_rng(0)
-
-    def rows(samples: int, wide: float, tail: float = 0.0) -> Iterator[csr_array]:
-        """Yield rows from cells of `wide` times the width; `tail` of each leads anywhere."""
-        for first in range(0, box.size, part):
-            cells = np.arange(first, min(first + part, box.size), dtype=np.int32)
-            points = _points(box, cells, shift[cells], samples, wide)
-            image = padded(lambda points: mapped_points(map, params, points), [points], part)
-            if first == 0 and not np.isfinite(image).any():
-                check_begin(map, box, params)
-            if law is not None:
-                yield distributed_rows(box, image, lambda z, y: _each(law, z, y, params))
-                continue
-            own = np.asarray(spread(points.reshape(-1, box.dimensions), params))
-            near = transition_rows(box, image, own.reshape(image.shape), deviations)
-            if tail:
-                anywhere = rng.uniform(box.lower, box.upper, (cells.size, _LINKS, box.dimensions))
-                ends = np.where(deviation > 0, anywhere, image[:, :1])
-                near = (1 - tail) * near + tail * transition_rows(box, ends, 0 * deviation, 0.0)
-            yield near
-
     cut = (deviation > 0) & (deviations * deviation < box.width * box.cells)
-    tail = 2 * float(ndtr(-deviations)) * np.count_nonzero(cut)
-    half = vstack([*rows(max(1, samples // 2), 3.0, tail)], format="csr")
-    return vstack([*rows(samples, 1.0)], format="csr"), half, each
+    # In the second chain, the tail of each axis leads anywhere.
+    tail = 2 * float(ndtr(-deviations)) * np.count_nonzero(cut) if second else 0.0
+    rows = []
+    for first in range(0, box.size, part):
+        cells = np.arange(first, min(first + part, box.size), dtype=np.int32)
+        points = _points(box, cells, shift[cells], samples, wide)
+        image = padded(lambda points: mapped_points(map, params, points), [points], part)
+        if first == 0 and not np.isfinite(image).any():
+            check_begin(map, box, params)
+        if law is not None:
+            rows.append(distributed_rows(onto, image, lambda z, y: _each(law, z, y, params)))
+            continue
+        own = np.asarray(spread(points.reshape(-1, box.dimensions), params))
+        near = transition_rows(onto, image, own.reshape(image.shape), deviations)
+        if tail:
+            anywhere = rng.uniform(box.lower, box.upper, (cells.size, _LINKS, box.dimensions))
+            ends = np.where(deviation > 0, anywhere, image[:, :1])
+            near = (1 - tail) * near + tail * transition_rows(onto, ends, 0 * deviation, 0.0)
+        rows.append(near)
+    return vstack(rows, format="csr")
 
 
 @functools.partial(jax.jit, static_argnames="law")
@@ -229,23 +240,33 @@ def moved(quantity: Callable[[Chain], Any], chain: Chain) -> Any:
     return jax.tree.map(apart, quantity(chain), quantity(chain.half))
 
 
-def _traced_chain(map: Map, box: Box, params: Any, samples: int, noise: Any, key: Any) -> Chain:
-    """Build a chain like [`chain`][] in a program that JAX traces; each cell leads to all cells."""
+def traced_rows(
+    map: Map,
+    box: Box,
+    params: Any,
+    *,
+    noise: Any,
+    onto: Box | None = None,
+    samples: int = 16,
+    key: Any = None,
+) -> Float[Array, "cells images"]:
+    """Compute the matrix of [`matrix`][], without zeros, in a program that JAX traces."""
+    onto = box if onto is None else onto
     spread = deviations_of(noise, box)
     fixed = () if callable(noise) else listed(noise, box.dimensions)
-    memory.check(24 * box.size**2, f"a traced chain of {box.size} cells", "use fewer cells")
+    memory.check(
+        24 * box.size * onto.size, f"a traced chain of {box.size} cells", "use fewer cells"
+    )
     with jax.ensure_compile_time_eval():
         shift = _shift(box, key)
     points = _points(box, np.arange(box.size, dtype=np.int32), shift, samples, 1.0)
 
     def row(points: Any) -> Any:
         noises = fixed or tuple(spread(points, params).T)
-        return all_probabilities(box, mapped_points(map, params, points[None])[0], noises)
+        return all_probabilities(onto, mapped_points(map, params, points[None])[0], noises)
 
     part = int(np.clip(_PART // (samples * sum(box.cells)), 1, box.size))
-    rows = jax.lax.map(row, jnp.asarray(points), batch_size=part)
-    cells = jnp.arange(box.size, dtype=jnp.int32)
-    return Chain(jnp.broadcast_to(cells[:, None], rows.shape), rows.T)
+    return jax.lax.map(row, jnp.asarray(points), batch_size=part)
 
 
 def _shift(box: Box, key: Any) -> Float[np.ndarray, "cells axes"]:

@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import block_array, csr_array, diags_array, eye_array
+from scipy.sparse import block_array, csr_array, eye_array
 
 from ...mapping.generalized import leaving_rows
 from ...markov.hitting import cell_mask
@@ -141,9 +141,23 @@ class Ends:
             low, high = np.where(there, low, middle), np.where(there, middle, high)
         return np.maximum(high, _SHORTEST)
 
-    def shares(self) -> Float[np.ndarray, "regions cells"]:
-        """Compute the share of each cell that is in each region, from a grid of points."""
+    @functools.cached_property
+    def around(self) -> Box:
+        """The box with one more cell beyond each clamped side, for the points beyond the side."""
         box = self.box
+        more = np.array(box.axes) == "clamp"
+        low, high = box.lower - more * box.width, box.upper + more * box.width
+        return Box(low, high, np.array(box.cells) + 2 * more, box.axes)
+
+    @functools.cached_property
+    def nearest(self) -> Int[np.ndarray, "around"]:
+        """The cell of the box for each cell of `around`."""
+        return self.box.index(self.around.centre(np.arange(self.around.size, dtype=np.int32)))
+
+    @functools.cached_property
+    def share(self) -> Float[np.ndarray, "regions around"]:
+        """The share of each cell of `around` that is in each region, from a grid of points."""
+        box = self.around
         each = max(2, round(_POINTS ** (1 / box.dimensions)))
         grid = np.stack(
             np.meshgrid(*[(np.arange(each) + 0.5) / each - 0.5] * box.dimensions, indexing="ij")
@@ -154,16 +168,24 @@ class Ends:
             count[self.inside(centre + place * box.width), np.arange(box.size)] += 1
         return count[:-1] / grid.shape[1]
 
+    @property
+    def open(self) -> Bool[np.ndarray, "cells"]:
+        """A mask of the cells of the box that are not completely in a region."""
+        inner = self.box.centre(np.arange(self.box.size, dtype=np.int32))
+        return self.share[:, self.around.index(inner)].sum(axis=0) < 1
+
     def stopped(self, matrix: csr_array) -> csr_array:
         """Return the matrix of a chain on the box that stops in each region and outside the box.
 
-        The part of a cell that is in a region belongs to it.
+        The columns of the matrix are the cells of `around`. The part of a cell that is in a region
+        belongs to it, and all that is beyond a clamped side and not in a region to the last cell.
         """
-        share = self.shares()
-        ends = np.zeros((self.box.size, len(self.names)))
+        share, size = self.share, self.box.size
+        ends = np.zeros((size, len(self.names)))
         ends[:, : len(share)] = matrix @ share.T
         ends[:, len(share) :] = leaving_rows(matrix)[:, None]
-        rest = matrix @ diags_array(1 - share.sum(axis=0))
+        entry = 1 - share.sum(axis=0), (np.arange(self.nearest.size), self.nearest)
+        rest = matrix @ csr_array(entry, shape=(self.nearest.size, size))
         blocks = [[rest, csr_array(ends)], [None, eye_array(len(self.names))]]
         whole = block_array(blocks, format="csr")
         whole.eliminate_zeros()

@@ -16,19 +16,22 @@ from ...markov import hitting_times, most_probable_path
 from ...markov.hitting import TOLERANCE
 from ...markov.transient import Transient
 from ...space.box import Box
-from ..imaging import OnBox, axis_names
+from ..imaging import OnBox, axis_names, torn_axes
 from ..maps import Flow, Map, with_params
 from ..system import System
-from .chains import chain, matrices
+from .chains import is_law, matrix, traced_rows
 from .deviations import listed
 from .diffusion import diffusion_to, regions_of
 from .ends import Ends, Region, within
-from .law import Law
+from .extrapolation import with_errors
+from .law import Law, visits_of
 from .words import answer_of
 
 
 # The probabilities of the quantiles.
 SHARES = 0.05, 0.5, 0.95
+# Numbers of cells along an axis of the coarser boxes, as parts of those of the box.
+_PARTS = 2 / 3, 1 / 2
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -100,6 +103,9 @@ class Escape(OnBox):
         Float[np.ndarray, "causes"] | None,
         quantity("cause", "percent more time for one percent more of it"),
     ] = None
+    elasticity_error: Annotated[
+        Float[np.ndarray, "causes"] | None, quantity("cause", "error of the elasticity")
+    ] = None
     labels: tuple[str, ...] = ()
     "The names of the axes. Without names, the axes are called `x0`, `x1`, ..."
 
@@ -139,7 +145,7 @@ class _Stopped:
         ends, size = self.ends, self.ends.box.size
         stops = np.arange(ends.cells) >= size
         alive = ~stops
-        alive[:size] &= self._open
+        alive[:size] &= ends.alive if self.continuous else ends.open
         if not (can := reaching(self.matrix, stops))[alive].all():
             raise ValueError(
                 f"into: cannot be reached from {np.count_nonzero(alive & ~can)} of "
@@ -153,14 +159,14 @@ class _Stopped:
         values[:-1, size:] = np.eye(len(ends.names))
         values[:, alive] = solved.value.T
         longest = float(steps.max())
-        about = longest, self.continuous
+        about = visits_of(part, longest, self.continuous), longest, self.continuous
         if start is None:
             weight = np.zeros(ends.cells)
             begin = np.full(part.cells.size, 1 / part.cells.size)
-            weight[alive] = Law.of(part, begin, *about)[0].quasi
+            weight[alive] = Law.of(begin, *about)[0].quasi
         else:
             weight = ends.weights(start, odd=self.continuous)
-        law, rough = Law.of(part, weight[alive], *about)
+        law, rough = Law.of(weight[alive], *about)
         # In units of the longest time, because squares may be too large for 64 bits.
         second = 2 * weight[alive] @ part.expect(steps[:, None] / longest).value[:, 0] / longest
         mean = float(weight @ values[-1])
@@ -199,13 +205,6 @@ class _Stopped:
             Chain.from_scipy(moves), int(weight.argmax()), np.arange(size, self.ends.cells)
         )
         return self.ends.box.centre(cells[:-1].astype(np.int32))
-
-    @property
-    def _open(self) -> np.ndarray:
-        """A mask of the cells that are not completely in a region."""
-        if self.continuous:
-            return self.ends.alive
-        return self.ends.shares().sum(axis=0) < 1
 
 
 def escape(
@@ -246,9 +245,13 @@ def escape(
     - `labels`: names of the axes.
     - `options`: further options of [`jaxcell.dynamics.chain`][] for maps.
 
-    **Returns:** an [`Escape`][]. Each error is the difference to the result with cells of twice the
-    width for flows, and three times the width for maps, whose chain also has half of the samples
-    and the tail of the noise. It includes that of the law, whose number of modes is limited.
+    **Returns:** an [`Escape`][]. Its numbers are extrapolated to cells without width, from the box
+    and from cells of 1.5 and 2 times the width, if these show that errors fall with the square of
+    the width. Then each error is the correction, and at least half of the difference to the widest
+    cells; otherwise it is this difference. With a distribution function as noise, whose cells may
+    be the states themselves, nothing is extrapolated, and the error is the difference to a chain
+    with points from cells of three times the width. Errors include that of the law, whose number of
+    modes is limited. Numbers per cell are those of the box.
 
     A particle in the left one of two wells:
 
@@ -272,23 +275,42 @@ def escape(
     if isinstance(map, Flow):
         if options:
             raise ValueError(f"options: a flow has none, got {', '.join(options)}")
-        half = Box(box.lower, box.upper, [max(2, n // 2) for n in box.cells], box.axes)
-        # Cells of a region are those of the finer box.
-        same = {name: within(region, box, name) for name, region in regions.items()}
-        whole, coarse = (
-            _diffused(map, each, params, noise) for each in (ends, Ends.of(half, same))
-        )
     else:
-        both = matrices(map, box, params, noise=noise, **options)[:2]
-        whole, coarse = (_Stopped(ends, ends.stopped(rows), 1.0, False) for rows in both)
-    solved, other = whole.solve(start), coarse.solve(start)
+        torn_axes(map, box, [params])
+    # Cells of a region are those of the finest box.
+    same = {name: within(region, box, name) for name, region in regions.items()}
+    # The cells of a discrete distribution may be the states themselves.
+    discrete = is_law(noise) and not continuous
+    levels = [ends]
+    for part in () if discrete else _PARTS:
+        cells = [max(1, round(part * n)) for n in box.cells]
+        coarse = Box(box.lower, box.upper, cells, box.axes)
+        levels.append(Ends.of(coarse, same, sides=continuous))
+    if discrete and gradient:
+        raise ValueError("gradient: a distribution function has no derivative; expected deviations")
+    about = map, params, noise, options
+    chains = [_chain_of(*about, each) for each in levels]
+    if discrete:
+        chains.append(_chain_of(*about, ends, second=True))
+    whole, *_ = chains
+    solved, *others = (one.solve(start) for one in chains)
     Certificate(0, solved["residual"], TOLERANCE).check("escape", True)
-    values, errors = solved["numbers"], _errors(solved, other["numbers"])
-    causes: dict[str, Any] = {}
     if gradient:
-        about = solved["weight"], values["mean_time"], options
-        causes = _elasticities(map, ends, params, noise, *about)
+        for each, one in zip(levels, (solved, *others), strict=True):
+            one["slope"] = _slopes(*about, each, one["weight"], one["numbers"]["mean_time"])
+    widths = [float((box.size / each.box.size) ** (1 / box.dimensions)) for each in levels]
+    values = with_errors([solved, *others], widths)
     fields = {name: solved[name] for name in ("time", "committor", "quasi_stationary", "residual")}
+    if gradient:
+        slope, error = (values.pop(name) for name in ("slope", "slope_error"))
+        named = {**_scalars(params), "noise": 1.0}
+        elasticity = np.array(list(named.values()))
+        values |= {
+            "derivative": slope * values["mean_time"],
+            "elasticity": slope * elasticity,
+            "elasticity_error": error * np.abs(elasticity),
+        }
+        fields["cause"] = tuple(named)
     return Escape(
         box=box,
         continuous=continuous,
@@ -296,9 +318,8 @@ def escape(
         start=start,
         labels=labels,
         path=whole.path(solved["weight"]),
-        **{name: _plain(value) for name, value in {**values, **errors}.items()},
+        **{name: _plain(value) for name, value in values.items()},
         **fields,
-        **causes,
     )
 
 
@@ -332,29 +353,15 @@ def _plain(value: Any) -> Any:
     return value if np.ndim(value) else float(value)
 
 
-def _errors(solved: Mapping[str, Any], moved: Mapping[str, Any]) -> dict[str, Any]:
-    """Estimate the error of each number from a coarser chain, fewer modes, and the solver.
-
-    The difference of a single number may vanish by chance, so that all times have at least the
-    largest relative error among the mean, the deviation and the rate, and so have probabilities
-    `p`, relative to `p (1 - p)`.
-    """
-    values, rough, residual = solved["numbers"], solved["rough"], solved["residual"]
-    errors = {
-        name: abs(value - moved[name]) + abs(value - rough[name]) + residual * value
-        for name, value in values.items()
-    }
-    known = [name for name in ("mean_time", "deviation", "rate") if values[name] > 0]
-    least = max(errors[name] / values[name] for name in known)
-    for name, value in values.items():
-        scale = value * (1 - value) if name == "probability" else value
-        errors[name] = np.maximum(errors[name], least * scale)
-    return {f"{name}_error": error for name, error in errors.items()}
-
-
-def _diffused(map: Flow, ends: Ends, params: Any, noise: Any) -> _Stopped:
-    found = diffusion_to(map, ends, params, noise)
-    return _Stopped(ends, found.chain.to_scipy(), float(found.duration), True)
+def _chain_of(
+    map: Any, params: Any, noise: Any, options: Any, ends: Ends, second: bool = False
+) -> _Stopped:
+    if isinstance(map, Flow):
+        found = diffusion_to(map, ends, params, noise)
+        return _Stopped(ends, found.chain.to_scipy(), float(found.duration), True)
+    about = {"noise": noise, "onto": ends.around, "second": second, **options}
+    rows = matrix(map, ends.box, params, **about)
+    return _Stopped(ends, ends.stopped(rows), 1.0, False)
 
 
 def _named(ends: tuple[str, ...], names: tuple[str, ...]) -> tuple[str, ...]:
@@ -377,10 +384,26 @@ class _OfBoth:
         return both[1] * value if self.noisy else value
 
 
-def _elasticities(
-    map: Any, ends: Ends, params: Any, noise: Any, weight: np.ndarray, time: float, options: Any
-) -> dict[str, Any]:
-    """Differentiate the mean time by each parameter and by a factor of the noise."""
+def _scalars(params: Any) -> dict[str, float]:
+    """Return the parameters that are single numbers, by their names."""
+    known = {} if params is None else params
+    return {
+        jax.tree_util.keystr(path, simple=True): float(value)
+        for path, value in jax.tree_util.tree_leaves_with_path(known)
+        if np.ndim(value) == 0
+    }
+
+
+def _slopes(
+    map: Any,
+    params: Any,
+    noise: Any,
+    options: Any,
+    ends: Ends,
+    weight: np.ndarray,
+    time: float,
+) -> Float[np.ndarray, "causes"]:
+    """Differentiate the logarithm of the mean time by each parameter and a factor of the noise."""
     size, stops = ends.box.size, np.arange(ends.cells) >= ends.box.size
     own = _OfBoth(map.field if isinstance(map, Flow) else map, False)
     function = _OfBoth(with_params(noise, 2, "noise"), True) if callable(noise) else None
@@ -394,11 +417,13 @@ def _elasticities(
             one = diffusion_to(own, ends, both, noisy)
             stopped, duration = one.chain, one.duration
         else:
-            rows = chain(own, ends.box, both, noise=noisy, **options)
-            share = ends.shares()
-            matrix = rows.probability.T
-            out = [rows.leaving[:, None]] * (len(ends.names) - len(share))
-            upper = jnp.hstack([matrix * (1 - share.sum(axis=0))[None], matrix @ share.T, *out])
+            rows = traced_rows(own, ends.box, both, noise=noisy, onto=ends.around, **options)
+            share = ends.share
+            rest = (rows * (1 - share.sum(axis=0))[None]).T
+            within = jax.ops.segment_sum(rest, ends.nearest, num_segments=size).T
+            leaving = jnp.maximum(1 - rows.sum(axis=1, keepdims=True), 0.0)
+            out = [leaving] * (len(ends.names) - len(share))
+            upper = jnp.hstack([within, rows @ share.T, *out])
             lower = np.eye(ends.cells)[size:]
             stopped = Chain.from_scipy(jnp.vstack([upper, lower]))
         steps = hitting_times(stopped, stops, throw=False).value
@@ -406,15 +431,5 @@ def _elasticities(
 
     known = {} if params is None else params
     slope, by_noise = jax.grad(mean_time)((jax.tree.map(jnp.asarray, known), jnp.asarray(1.0)))
-    named = {
-        jax.tree_util.keystr(path, simple=True): (value, jax.tree.leaves(slope)[k])
-        for k, (path, value) in enumerate(jax.tree_util.tree_leaves_with_path(known))
-    }
-    each = {n: (v, s) for n, (v, s) in named.items() if np.ndim(v) == 0}
-    derivative = np.array([float(s) for _, s in each.values()] + [float(by_noise)])
-    value = np.array([float(v) for v, _ in each.values()] + [1.0])
-    return {
-        "cause": (*each, "noise"),
-        "derivative": derivative,
-        "elasticity": derivative * value / time,
-    }
+    each = [float(one) for one in jax.tree.leaves(slope) if np.ndim(one) == 0]
+    return np.array([*each, float(by_noise)]) / time

@@ -12,6 +12,8 @@ from ...markov.transient import Transient
 _MODES, _ROUNDING = 24, 1e-13
 # Largest number of cells for which the inverse matrix is computed, by one elimination.
 _DENSE = 400
+# Largest number of cells of a map, whose factors are not sparse, that is factored.
+_FACTORED = 10_000
 # Expected number of steps below which a factorisation keeps seven digits.
 _LONG = 1e9
 _HALVINGS = 100
@@ -35,18 +37,21 @@ class Law:
 
     @classmethod
     def of(
-        cls, part: Transient, start: Float[np.ndarray, "part"], longest: float, continuous: bool
+        cls,
+        start: Float[np.ndarray, "part"],
+        visits: Callable[[np.ndarray], np.ndarray],
+        longest: float,
+        continuous: bool,
     ) -> "tuple[Law, Law]":
         """Find the law for a start, and a law with two thirds of the modes, which shows its error.
 
-        `start` are probabilities, which sum to less than 1 if the chain has left at once, and
-        `longest` is the largest expected number of steps.
+        `start` are probabilities, which sum to less than 1 if the chain has left at once. `visits`
+        is the function of [`visits_of`][], and `longest` the largest expected number of steps.
         """
         modes = min(_MODES, start.size)
         basis, block = np.zeros((modes + 1, start.size)), np.zeros((modes + 1, modes))
         length = np.linalg.norm(start)
         basis[0] = start / length
-        visits = _visits(part, continuous and longest < _LONG)
         used, rough = modes, max(1, 2 * modes // 3)
         for k in range(modes):
             # Squares of longer vectors may be too large for 64 bits.
@@ -108,12 +113,15 @@ class Law:
         return low + (before - (1 - share)) / (before - after) if before > after else high
 
 
-def _visits(part: Transient, factor: bool) -> Callable[[np.ndarray], np.ndarray]:
+def visits_of(
+    part: Transient, longest: float, continuous: bool
+) -> Callable[[np.ndarray], np.ndarray]:
     """Return the function that computes expected visits from a start, which may be negative."""
-    if part.cells.size <= _DENSE:
-        matrix = part.visited(np.eye(part.cells.size))[0]
+    size = part.cells.size
+    if size <= _DENSE:
+        matrix = part.visited(np.eye(size))[0]
         return lambda start: np.asarray(matrix @ start)
-    if factor:
+    if longest < _LONG and (continuous or size <= _FACTORED):
         solve = factored(part.step)
         return lambda start: solve(start[:, None], True)[:, 0]
     return lambda start: solve_signed(lambda columns: part.visited(columns)[0], start)

@@ -21,13 +21,16 @@ seconds for 10^5 cells in a plane. So are all small chains.
 import contextlib
 import dataclasses
 import math
+import warnings
 from collections.abc import Callable
 
 import numpy as np
+import scipy.linalg
 import scipy.sparse
 from jaxtyping import Float, Int
 from scipy.sparse import csgraph, linalg
 
+from ...base.process import one_blas_thread
 from ...mapping.batch import Batch
 from .cycle import Cycle
 from .elimination import Columns, Levels, eliminate
@@ -57,6 +60,8 @@ class Limits:
     "A matrix with more rows is not factored completely if BiCGSTAB does not converge."
     factored: int = 20_000_000
     "A matrix with more rows is never factored; products continue even if they are slow."
+    dense: int = 12_000
+    "A nearly full matrix with at most this many rows is factored as a dense matrix."
     elimination: float = 1e11
     "Largest number of multiplications of an elimination."
 
@@ -72,6 +77,8 @@ _HALF_ULP = 2.0**-53
 _SLOWER = 1000
 # Largest number of entries of the factors, in the order of components, per entry of the matrix.
 _MAX_FILL = 10
+# Part of the entries above which a matrix is nearly full: its factors are full.
+_FULL = 0.1
 # Largest number of approximate solutions, each for the residual of the sum of those before it.
 _ROUNDS = 6
 # The repeats end if the residual, relative to the solution, is at most the first number, rounding.
@@ -231,26 +238,38 @@ def factored(
 
     **Raises:** `RuntimeError` if the matrix is singular up to rounding.
     """
-    system = (scipy.sparse.eye_array(matrix.shape[0], format="csr") - matrix).tocsr()
-    if order is None:
-        order = np.arange(matrix.shape[0])
-        factor = linalg.splu(system.tocsc())
+    rows = matrix.shape[0]
+    system = (scipy.sparse.eye_array(rows, format="csr") - matrix).tocsr()
+    back: Callable[[Columns, str], Columns]
+    if rows <= LIMITS.dense and matrix.nnz > _FULL * rows**2:
+        order = np.arange(rows)
+        with one_blas_thread(), warnings.catch_warnings(action="ignore"):
+            dense = scipy.linalg.lu_factor(system.toarray(), overwrite_a=True, check_finite=False)
+        if not np.diag(dense[0]).all():
+            raise RuntimeError("the matrix is singular up to rounding")
+
+        def back(right: Columns, form: str) -> Columns:
+            return scipy.linalg.lu_solve(dense, right, int(form == "T"), check_finite=False)
+
+    elif order is None:
+        order = np.arange(rows)
+        back = linalg.splu(system.tocsc()).solve
     else:
         # Columns are not grouped, because the factors have no dense blocks.
-        factor = linalg.splu(
+        back = linalg.splu(
             system[order][:, order].tocsc(),
             permc_spec="NATURAL",
             diag_pivot_thresh=0.0,
             relax=1,
             panel_size=1,
-        )
+        ).solve
 
     def solve(right: Columns, adjoint: bool = False) -> Columns:
         step, form = (matrix.T, "T") if adjoint else (matrix, "N")
         total = np.empty_like(right)
-        total[order] = factor.solve(right[order], form)
+        total[order] = back(right[order], form)
         # One correction makes the residual as small as the rounding of a product.
-        total[order] += factor.solve((right - (total - step @ total))[order], form)
+        total[order] += back((right - (total - step @ total))[order], form)
         return total
 
     return solve
