@@ -30,6 +30,7 @@ class PatrolMap(CellStudy):
     name: ClassVar[str] = "patrol_map"
     command: ClassVar[str] = "patrol map"
     example: ClassVar[str] = "@depot --robots 2 --range 6"
+    task: ClassVar[str] = "patrol_map"
     varied: ClassVar[tuple[str, ...]] = ("attack_times",)
     headings: ClassVar[Headings] = {
         "What do robots see and report?": ("sight", "base_range", "lost"),
