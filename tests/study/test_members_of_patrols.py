@@ -3,7 +3,6 @@
 The truth on small graphs is exact, from the law of the time of a visit.
 """
 
-import dataclasses
 from fractions import Fraction
 
 import numpy as np
@@ -50,7 +49,7 @@ def test_captures_on_a_triangle_are_exact(robots):
         {"speed": 0.5, "time_unit": 0.7},
         {"speed": 0.5},
         {"file": TRIANGLE, "strategy": "capture"},
-        {"charger": "2", "every": 8},
+        {"division": "partition", "robots": 2},
     ],
 )
 def test_members_of_patrols_of_a_graph_are_those_of_single_studies(options):
@@ -66,13 +65,19 @@ def test_only_wanted_numbers_are_computed():
     assert found.keys() == {"least_capture"}
 
 
-def test_attack_that_is_too_short_is_refused_as_alone():
-    study = PatrolGraph("@eight", attack_time=20, strategy="capture")
-    times = np.array([20, 2])
-    with pytest.raises(ValueError, match="attack_time: a robot needs") as alone:
-        dataclasses.replace(study, attack_time=2).run()
-    with pytest.raises(ValueError, match="attack_time") as together:
-        study.numbers({"attack_time": times})
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ({"strategy": "capture"}, "attack_time: a robot needs"),
+        ({"speed": 0.5, "time_unit": 5.0}, "attack_time: expected at least 1, got 0"),
+    ],
+)
+def test_attack_that_is_too_short_is_refused_as_alone(options, reason):
+    studies = [PatrolGraph("@eight", attack_time=time, **options) for time in (2, 20)]
+    with pytest.raises(ValueError, match=reason) as alone:
+        studies[0].run()
+    with pytest.raises(ValueError, match=reason) as together:
+        studies[1].numbers({"attack_time": np.array([20, 2])})
     assert str(alone.value) == str(together.value)
 
 
@@ -87,3 +92,21 @@ def test_members_of_patrols_of_a_map_are_those_of_single_studies(options):
         for time in times.tolist()
     ]
     same(studies[0].numbers({"attack_times": times}), studies)
+
+
+def test_captures_on_a_map_are_those_of_powers_of_matrices():
+    times = np.array([1, 4, 25])
+    study = PatrolMap("@lab_a", attack_times=(1,), range=3.0, runs=2, share=0.0, robots=1)
+    found = study.numbers({"attack_times": times}, "least_capture".__eq__)["least_capture"][1]
+    result = study.run()
+    walk = result.policies[0].chain.to_scipy().toarray()
+    # All robots are as in the long run, by the detailed balance of a walk with weights.
+    share = np.bincount(result.graph.edges.ravel(), np.repeat(result.policies[0].weights, 2))
+    for time, least in zip(times.tolist(), found, strict=True):
+        caught = []
+        for target in range(len(walk)):
+            hidden = np.flatnonzero(~result.visible[:, target])
+            if hidden.size:
+                stay = np.linalg.matrix_power(walk[np.ix_(hidden, hidden)], time).sum(axis=1)
+                caught.append(1 - share[hidden] @ stay / share[hidden].sum())
+        assert least == pytest.approx(min(caught), rel=1e-12)

@@ -65,8 +65,8 @@ class Capture(Result):
     def at(self, row: int) -> "Capture":
         """Return the probabilities for one of the attack times."""
         attack = Attack(self.attack.times[[row]], self.attack.start)
-        each = self.probability, self.at_first, self.at_worst
-        return Capture(attack, *(one[[row]] for one in each), self.contested)
+        at_first, at_worst = self.at_first[[row]], self.at_worst[[row]]
+        return Capture(attack, self.probability[[row]], at_first, at_worst, self.contested)
 
     attack_time = from_part(
         "attack.times", "attack_time", "steps of an attack", "steps", kind="coordinate"

@@ -21,7 +21,8 @@ Eq. 4.3 is half of this `C`, the mean hitting time; both have the same best weig
     the time of return to a vertex. Each function returns an `OptimizedWalk`.
 - `measure` computes `h`, `C`, `K`, `H` and more of any chain (`Measures`). `GraphPatrol` adds the
     graph, and for independent robots the probability of capturing an attack, by an adversary that
-    sees the robots, or at a random time (`blind_capture`).
+    sees the robots, or at a random time (`blind_capture`); `captures_over_time` has both for
+    attacks of all durations.
 - `maximin_capture` maximises the least entry of `walk_capture_probabilities` (`MaximinCapture`):
     `F_t[i, j]`, the probability of arriving at `j` from `i` within an attack time `t`. Its
     recursion is `F_t = P + P (F_{t-1} - diag F_{t-1})`. `charged_capture` does so for robots that

@@ -96,13 +96,9 @@ class PatrolGraph(Study):
     game: bool = False
     """Also find the best probabilities of choosing the commute walk or a walk toward a vertex,
     against an adversary who knows these probabilities."""
-    attack_time: Annotated[
-        _Time | None,
-        Needed(strategy="capture", attack_times=False),
-        Only(attack_times=False),
-    ] = None
-    """Duration of an attack in steps, or in seconds with --speed. Walks of other strategies than
-    capture do not depend on it."""
+    attack_time: Annotated[_Time | None, Only(attack_times=False)] = None
+    """Duration of an attack in steps, or in seconds with --speed. The strategy capture needs it, or
+    --attack-times; of other walks it only measures the capture."""
     robots: AtLeastOne = 1
     """Number of patrollers, which walk independently."""
     division: Annotated[
@@ -141,6 +137,10 @@ class PatrolGraph(Study):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.strategy == "capture" and not self.guards:
+            raise ValueError(
+                "attack_time: it is needed with `strategy` capture and without `attack_times`"
+            )
         if len(self.emphasis) == 1:
             raise ValueError("emphasis: expected two or more vertices, got one")
         for i, name in enumerate(self.emphasis):
@@ -207,29 +207,20 @@ class PatrolGraph(Study):
         each, which = np.unique(columns["attack_time"], return_inverse=True)
         members = [dataclasses.replace(self, attack_time=time) for time in each.tolist()]
         own_unit = self.speed is not None and self.time_unit is None
-        if self.strategy == "capture" or self.charger is not None or own_unit:
+        if self.strategy == "capture" or own_unit:
             return stacked([scalars(one.run(), (), wanted) for one in members], which)
-        # The walk, and all that does not depend on attacks, is that of the longest.
-        result = members[-1].run()
-        shared = scalars(result, (), wanted)
-        walks, travel_times = (result.graph, result.matrices, result.shares), self.times(result.graph)
-        attacks = [int(one.attack(result.names)) for one in members]
-        watched, blind = patrol.walks.captures_over_time(*walks, attacks[-1], travel_times)
-        rounds = any(name.startswith("round_") for name in shared)
-        found = [
-            scalars(
-                dataclasses.replace(
-                    result,
-                    captured=watched[attack],
-                    blind_captured=blind[attack],
-                    round=one._round(result, Secondary()) if rounds else None,
-                ),
-                (),
-                lambda name: name in shared and name.startswith(("least_", "round_")),
-            )
-            for one, attack in zip(members, attacks, strict=True)
-        ]
-        return shared | stacked(found, which)
+        # The walk, and all else that does not depend on attacks, is that of the first member.
+        result = members[0].run()
+        found = scalars(result, (), wanted)
+        attacks = np.array([int(one.attack(result.names)) for one in members])
+        team = result.graph, result.matrices, result.shares
+        captures = patrol.walks.captures_over_time(
+            *team, attacks[-1].item(), self.times(result.graph)
+        )
+        for name, part in zip(("least_capture", "least_blind_capture"), captures, strict=True):
+            if name in found:
+                found[name] = found[name][0], np.asarray(part)[attacks].min(axis=1)[which]
+        return found
 
     def headline(self, spec: dict[str, Any]) -> str:
         return f"{spec['file']}: {self.strategy}"

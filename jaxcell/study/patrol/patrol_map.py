@@ -30,6 +30,7 @@ class PatrolMap(CellStudy):
     name: ClassVar[str] = "patrol_map"
     command: ClassVar[str] = "patrol map"
     example: ClassVar[str] = "@depot --robots 2 --range 6"
+    task: ClassVar[str] = "patrol_map"
     varied: ClassVar[tuple[str, ...]] = ("attack_times",)
     headings: ClassVar[Headings] = {
         "What do robots see and report?": ("sight", "base_range", "lost"),
@@ -174,7 +175,8 @@ class PatrolMap(CellStudy):
         members = [dataclasses.replace(self, attack_times=(time,)) for time in times.tolist()]
         if self.strategy == "capture" or self.capture is not None:
             return stacked([scalars(one.run(), (), wanted) for one in members], which)
-        result = members[0].run()
+        # No number depends on simulated attacks.
+        result = dataclasses.replace(members[0], runs=2).run()
         site = result.graph, result.visible, result.regions
         shared, found = scalars(result, (), wanted), []
         for team, capture in teams_at_times(self, *site, times.tolist()):

@@ -98,7 +98,8 @@ def teams_at_times(
     for row in range(len(times)):
         each = [capture.at(row) for capture in captures]
         team = _best(study, made, [capture.least[0] for capture in each])
-        teams.append((team, each[list(made).index(team.chosen_share)]))
+        chosen = [share == team.chosen_share for share in made].index(True)
+        teams.append((team, each[chosen]))
     return teams
 
 
