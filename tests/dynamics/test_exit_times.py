@@ -74,7 +74,7 @@ def test_times_and_derivatives_are_those_of_dense_matrices(axes):
     assert found.residual.max() < 1e-7
 
 
-def test_what_is_beyond_a_clamped_side_is_in_a_region_that_ends_inside_its_last_cell():
+def test_a_region_in_the_last_cell_has_all_beyond_the_clamped_side():
     cells, noise = 40, 0.3
     box, width = Box([-2.0], [2.0], [cells], "clamp"), 0.1
     line = dynamics.System(
