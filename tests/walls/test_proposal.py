@@ -1,4 +1,4 @@
-"""The angles that a search proposes are the best among all, and do well in simulations of others."""
+"""The proposed angles are the best of all sets if the search keeps all, and serve a goal."""
 
 import itertools
 import math
@@ -19,7 +19,7 @@ def filter_of_room():
 
 
 def test_a_search_that_keeps_all_sets_finds_the_best_sets(filter_of_room):
-    shared = dict(robots=8, bumps=6, headings=8, seed=4)
+    shared = {"robots": 8, "bumps": 6, "headings": 8, "seed": 4}
     best, tried = walls.propose_angles(
         ROOM, filter_of_room, ANGLES, most=2, radius=0.1, kept=9, **shared
     )
