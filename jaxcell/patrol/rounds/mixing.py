@@ -79,7 +79,7 @@ def best_routes(game: Game) -> tuple[Route, ...]:
         >>> once = patrol.rounds.best_rounds(game).evaluation
         >>> longer = patrol.rounds.evaluate(game, patrol.rounds.best_routes(game))
         >>> once.exposure.round(3).tolist(), longer.exposure.round(3).tolist()
-        ([0.833, 0.833], [0.507, 0.507])
+        ([0.833, 0.833], [0.51, 0.51])
     """
     found = best_rounds(game)
     best, risk = _safest(game, found.routes, float(found.evaluation.risk(game).max()))
