@@ -7,7 +7,7 @@ import pytest
 
 from jaxcell.base.doubts import Doubt
 from jaxcell.cli import main
-from jaxcell.patrol.files import load_graph, load_ways
+from jaxcell.patrol.files import load_graph, load_problem, load_ways
 
 
 HEAD = (
@@ -128,6 +128,20 @@ def test_problems_of_rosso_are_read_as_ways_with_times(tmp_path, capsys):
         ways = load_ways(path)
     expected = [[0, 1], [0, 2], [1, 0], [1, 2], [2, 0], [2, 1]]
     assert (ways.ends.tolist(), ways.lengths.tolist()) == (expected, [3, 4, 2, 5, 4, 6])
+    problem = load_problem(path)
+    assert (problem.travel_times.tolist(), problem.attack_time) == (matrix, 10)
+    assert problem.graph.edges.tolist() == [[0, 1], [0, 2], [1, 2]]
+    assert problem.stationary.tolist() == [0.5, 0.3, 0.2]
+    for wrong, said in [
+        ([1], "problem_params"),
+        ({"problem_params": about | {"tau": 0}}, "tau: expected a whole number"),
+        ({"problem_params": about | {"weight_matrix": [[1, 2]]}}, "whole numbers, 1 x 1"),
+        ({"problem_params": about | {"weight_matrix": [[1, -2], [1, 1]]}}, "expected"),
+        ({"problem_params": about | {"stationary_distribution": [1, 0]}}, "3"),
+    ]:
+        (tmp_path / "wrong.json").write_text(json.dumps(wrong))
+        with pytest.raises(ValueError, match=said):
+            load_problem(tmp_path / "wrong.json")
     words = ["patrol", "guard", str(path), "--attack-time", "10", "--speed", "1", "--json"]
     assert main(words) == 0
     assert "not used; give --attack-time" in capsys.readouterr().err
