@@ -54,6 +54,19 @@ def read_mask(
             block[str(depth)] = places
         return file.read(part(file, name, block), (depth or "", *dims))
 
+    if file.land is not None:
+        name, value = file.land
+        array = file.dataset[name]
+        if set(dims) <= set(array.dims):
+            extra = [dim for dim in array.dims if dim not in (*dims, depth)]
+            land = True
+            for block in np.ndindex(*(array.sizes[dim] for dim in extra)):
+                whole = array.isel(dict(zip(extra, block, strict=True)))
+                place: dict[str, object] = {dims[0]: rows, dims[1]: columns}
+                if depth in array.dims:
+                    place[str(depth)] = places
+                land = land & (file.read(whole.isel(place), (depth or "", *dims)) == value)
+            return Mask(name, ~land, f"{value:g} is land, as asked")
     for row in table("mask"):
         for name in row.names:
             if name in candidates:
