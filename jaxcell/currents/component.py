@@ -54,6 +54,14 @@ class Component:
     valid: tuple[float, float]
     "The least and the largest valid value, in the unit of the file."
 
+    @property
+    def valid_note(self) -> str:
+        """A note on the range of valid values, or ""."""
+        least, most = self.valid
+        if not np.isfinite(self.valid).any():
+            return ""
+        return f"{self.name}: values outside {least:g} to {most:g}, the valid range, are left out"
+
     def at(self, record: int) -> tuple[_Levels, Bool[np.ndarray, "levels y x"], _Levels]:
         """Read the velocity at the centres of the cells, at a record.
 
@@ -146,7 +154,9 @@ def _valid(variable: xr.Variable) -> tuple[float, float]:
     In a packed file they are packed too if they have the type of the stored values.
     """
     about = variable.attrs
-    both = about.get("valid_range", (about.get("valid_min", -np.inf), about.get("valid_max", np.inf)))
+    both = about.get(
+        "valid_range", (about.get("valid_min", -np.inf), about.get("valid_max", np.inf))
+    )
     least, most = (
         float(value) * float(variable.encoding.get("scale_factor", 1))
         + float(variable.encoding.get("add_offset", 0))

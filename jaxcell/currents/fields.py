@@ -258,6 +258,7 @@ class FieldReader:
             notes.append("zeta: the file has none; the surface is taken as flat")
         if self.velocity.u_axes.staggered:
             notes.append(f"{self.names}: averaged from the sides of the cells to their centres")
+        notes += [component.valid_note for component in self.components if component.valid_note]
         # Both components may have the same flag.
         flags = (flag.note for component in self.components for flag in component.flags)
         return notes + list(dict.fromkeys(flags))

@@ -109,7 +109,7 @@ def _curvilinear(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
     lon = sphere.wrapped(lon)
     notes = []
     null = (lon == 0) & (lat == 0)
-    holes = ~np.isfinite(lon + lat) | (null & (null.sum() > 1))
+    holes = ~np.isfinite(lon + lat) | (null & (1 < null.sum() < null.size))
     if holes.any():
         lon, lat = (np.where(holes, np.nan, values) for values in (lon, lat))
         doubt = f"{axes.lon}: {holes.sum():,} squares have no position, or 0 N 0 E, and are land"

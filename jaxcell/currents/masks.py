@@ -59,14 +59,13 @@ def read_mask(
         array = file.dataset[name]
         if set(dims) <= set(array.dims):
             extra = [dim for dim in array.dims if dim not in (*dims, depth)]
-            land = True
-            for block in np.ndindex(*(array.sizes[dim] for dim in extra)):
-                whole = array.isel(dict(zip(extra, block, strict=True)))
-                place: dict[str, object] = {dims[0]: rows, dims[1]: columns}
-                if depth in array.dims:
-                    place[str(depth)] = places
-                land = land & (file.read(whole.isel(place), (depth or "", *dims)) == value)
-            return Mask(name, ~land, f"{value:g} is land, as asked")
+            here: dict[str, Any] = {dims[0]: rows, dims[1]: columns, str(depth): places}
+            array = array.isel({dim: at for dim, at in here.items() if dim in array.dims})
+            wet: Any = False
+            for record in np.ndindex(*(array.sizes[dim] for dim in extra)):
+                one = array.isel(dict(zip(extra, record, strict=True)))
+                wet = wet | (file.read(one, (depth or "", *dims)) != value)
+            return Mask(name, wet, f"{value:g} is land, as asked")
     for row in table("mask"):
         for name in row.names:
             if name in candidates:

@@ -146,7 +146,10 @@ def open_undecoded(
         return whole
     part = xr.open_dataset(path, engine=engine, group=group, **options)
     both = whole.merge(part, compat="override", join="override")
-    both.set_close(lambda: (part.close(), whole.close()))
+    closing = contextlib.ExitStack()
+    closing.callback(whole.close)
+    closing.callback(part.close)
+    both.set_close(closing.close)
     return both
 
 

@@ -15,7 +15,7 @@ from .axes.times import When, choose_records, record_times
 from .fields import Field, FieldReader
 from .grid import OceanGrid, read_grid
 from .holes import fill_holes
-from .land import read_land
+from .land import Land, read_land
 from .models import plane
 from .netcdf import OceanFile
 from .said import Said
@@ -173,7 +173,7 @@ def open_currents(
             if 0 in file.dataset[name].shape:
                 raise file.error(name, "it has no values: one of its dimensions has the length 0")
         if axes.lon == plane.LON:
-            gaps = "land"
+            gaps, coast = "land", Land("a plane, which has no coastline", np.array([], object))
         cells = read_grid(file, axes, bounds)
         times = record_times(file, axes.time)
         records = choose_records(file, times, time)

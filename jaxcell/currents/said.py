@@ -61,10 +61,9 @@ class Said:
             raise file.error("coords", f"expected LON LAT or LON LAT DEPTH, got {self.coords}")
         for name, role in zip(self.coords or (), ("longitude", "latitude", "depth"), strict=False):
             if role == "depth":
-                dims = [dim for dim in dataset[name].dims if axis_kind(dataset, str(dim)) == role]
-                dims = dims or [*dataset[name].dims]
-                dataset = dataset.drop_vars(dims[0], errors="ignore")
-                dataset[dims[0]] = file.dataset[name].variable.assign_attrs(axis="Z")
+                dim = str(next(iter(dataset[name].dims)))
+                levels = dataset[name].reset_coords(drop=True).assign_attrs(axis="Z")
+                dataset = dataset.assign_coords({dim: levels})
         if not self.mask:
             return dataclasses.replace(file, dataset=dataset, positions=tuple(self.coords or ()))
         try:

@@ -72,6 +72,16 @@ def _opened(source: Source, stack: contextlib.ExitStack, said: Said) -> OceanFil
         variables, attributes = xr.conventions.encode_dataset_coordinates(source)
         return said.named(OceanFile(source_name(source), xr.Dataset(variables, attrs=attributes)))
     files = [said.named(_opened_alone(path, stack, said.group)) for path in paths_of(source)]
+    meshes = [file for file in files if "glamt" in file.dataset.variables]
+    if 0 < len(meshes) < len(files):
+        file = _joined_files([file for file in files if file not in meshes])
+        for mesh in meshes:
+            file = _with_grid(file, mesh)
+        return file
+    return _joined_files(files)
+
+
+def _joined_files(files: list[OceanFile]) -> OceanFile:
     if len(files) == 1:
         return files[0]
     clashing = _clashing_positions(files)

@@ -4,7 +4,14 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
-from .axes.dimensions import Axes, find_axes, is_rectangular, on_nodes, unstructured, without_outer_faces
+from .axes.dimensions import (
+    Axes,
+    find_axes,
+    is_rectangular,
+    on_nodes,
+    unstructured,
+    without_outer_faces,
+)
 from .conventions import table
 from .models import mitgcm, nemo, plane, polar
 from .netcdf import OceanFile

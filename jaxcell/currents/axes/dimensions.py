@@ -72,12 +72,12 @@ def find_axes(file: OceanFile, name: str) -> Axes:
             why = "it is unknown" if kind is None else f"{dims[kind]} is {kind} already"
             raise file.error(
                 name,
-                f"dimension {dim} of length {size}: expected time, depth, y or x; {why}; name the "
-                f"axes with dims (--dims {dim}=depth)",
+                f"dimension {dim} of length {size}: expected time, depth, y or x; {why}; name its "
+                f"axis with dims (--dims {dim}=AXIS)",
             )
-    if "depth" in dims and dims["depth"] not in file.dataset.variables:
-        if file.dataset.sizes[dims["depth"]] == 1:
-            del dims["depth"]
+    depth = dims.get("depth", "")
+    if file.dataset.sizes.get(depth) == 1 and depth not in (*file.dataset.variables, "s_rho"):
+        del dims["depth"]  # a single level, whose depth is not known
     for kind in ("y", "x"):
         if kind not in dims:
             listed = ", ".join(map(str, file.dataset[name].dims)) or "none"

@@ -89,13 +89,13 @@ def read_times(file: OceanFile, name: str) -> Shaped[np.ndarray, " records"]:
     units = str(variable.attrs.get("units", ""))
     # Climatologies count from the year 0, which the standard calendar does not have.
     dated = re.sub(r"since\s+0+-", "since 0001-", units.strip())
+    calendar = _calendar(file, name) if " since " in dated else ""
     try:
         if _DIGITS.search(dated):
             days, part = np.divmod(file.read(variable).reshape(-1), 1)
             dates = [datetime.datetime.strptime(f"{day:.0f}", "%Y%m%d") for day in days]
             return np.array(dates, "datetime64[us]") + _lengths(part, np.timedelta64(1, "D"))
         if " since " in dated:
-            calendar = _calendar(file, name)
             return _counted(file.read(variable).reshape(-1), dated, calendar)
     except Exception as error:  # the exceptions for damaged files are not documented
         raise file.error(

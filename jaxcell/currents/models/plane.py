@@ -26,7 +26,7 @@ def on_earth(file: OceanFile, u: str) -> OceanFile:
     if not {"y", "x"} <= set(kinds) or file.positions or "grid_mapping" in dataset[u].attrs:
         return file
     rho = [STAGGERED.get(kinds[kind], kinds[kind]) for kind in ("y", "x")]
-    found = {}
+    found: dict[str, xr.Variable] = {}
     for name, variable in dataset.variables.items():
         units = str(variable.attrs.get("units", "")).lower()
         if set(variable.dims) <= set(rho) and variable.ndim and units in LENGTHS:
@@ -43,11 +43,11 @@ def on_earth(file: OceanFile, u: str) -> OceanFile:
     lon, lat = (np.degrees((v - m) / EARTH_RADIUS) for v, m in zip((x, y), middle, strict=True))
     sides = [np.hypot(*(np.gradient(values, axis=axis) for values in (x, y))) for axis in (1, 0)]
     new = {LON: lon, LAT: lat, "pm": 1 / sides[0], "pn": 1 / sides[1]}
-    units = {LON: "degrees_east", LAT: "degrees_north"}
-    placed = {n: xr.Variable(rho, v, {"units": units.get(n, "m-1")}) for n, v in new.items()}
+    unit = {LON: "degrees_east", LAT: "degrees_north"}
+    placed = {n: xr.Variable(rho, v, {"units": unit.get(n, "m-1")}) for n, v in new.items()}
     warn(
-        f"{file.name}: it is on a plane in metres; the middle ({middle[0]:g}, {middle[1]:g}) is put "
-        "at 0 N 0 E, and squares without a velocity are land",
+        f"{file.name}: on a plane in metres; the middle ({middle[0]:g}, {middle[1]:g}) is put at "
+        "0 N 0 E, and squares without a velocity are land",
         Doubt,
     )
     return dataclasses.replace(file, dataset=dataset.assign(placed))
