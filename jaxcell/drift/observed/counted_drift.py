@@ -109,16 +109,16 @@ class CountedDrift(Result):
             share = push @ share
             if step in ends:
                 shares.append(share)
-        routes: list[Any] = [None, None]
+        there = back = None
         if source is not None and target is not None:
-            routes = [counts.route(source, target), counts.route(target, source)]
+            there, back = counts.route(source, target), counts.route(target, source)
         found = main = None
         if sets is not None:
             _, piece = csgraph.connected_components(matrix, connection="strong")
             main = np.flatnonzero(piece == np.bincount(piece).argmax())
             found = almost_invariant_sets(Chain.from_scipy(matrix[main][:, main]), sets)
         hours = ends * counts.lag / 3600
-        return cls(counts, hours, np.stack(shares), begun, *routes, found, main)
+        return cls(counts, hours, np.stack(shares), begun, there, back, found, main)
 
     @property
     def answer(self) -> tuple[str, ...]:
