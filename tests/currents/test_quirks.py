@@ -214,7 +214,7 @@ REFUSED = {
 def test_a_refusal_names_the_option_that_opens_the_file(quirk, tmp_path):
     file, words, choice = REFUSED[quirk]
     file.to_netcdf(tmp_path / "quirk.nc")
-    with pytest.raises(ValueError, match="quirk.nc") as caught:
+    with pytest.raises(ValueError, match=r"quirk\.nc") as caught:
         open_currents(tmp_path / "quirk.nc")
     assert words in str(caught.value)
     assert "decode" not in str(caught.value)
