@@ -124,8 +124,8 @@ def _curvilinear(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
         kept = inner
         lon, lat, columns = lon[:, kept], lat[:, kept], columns[kept]
         notes.append(f"{axes.lon}: {_columns(again)} at the ends repeated others; left out")
-    continued = sphere.continued(lon, lat) if holes.any() else (lon, lat)
-    dx, dy, angle, turn = sphere.curvilinear_sides(*continued, wraps=wraps)
+    dx, dy, angle, turn = sphere.curvilinear_sides(*sphere.continued(lon, lat), wraps=wraps)
+    turn[np.isnan(lon)] = np.nan
     closed = rows >= rows.size - sphere.folded_rows(lon, lat)
     turn[closed] = np.nan
     if (turn < 0).any() and (turn > 0).any():

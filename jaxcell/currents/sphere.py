@@ -186,12 +186,12 @@ def rectangular_sides(
 
 
 def continued(lon: _Cells, lat: _Cells) -> tuple[_Cells, _Cells]:
-    """Continue a grid by a cell, at the steps beside it, into the holes where it has no position.
+    """Continue a grid, at the steps beside it, into the holes where it has no position.
 
-    So a cell beside a hole has sides, which are as long as its other half.
+    It is continued by two cells or more, so that all cells beside a hole have sides.
     """
     eastward, northward = lon.copy(), lat.copy()
-    for values in (eastward, northward):
+    for values in 2 * (eastward, northward):
         for axis in (0, 1):
             for step in (1, -1):
                 near, far = (np.roll(values, k * step, axis) for k in (1, 2))

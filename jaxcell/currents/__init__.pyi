@@ -1,0 +1,1 @@
+from .ocean import open_currents as open_currents
