@@ -340,6 +340,11 @@ def _table(path: Path) -> dict[str, Any]:
     return {"what": "trajectories, in a table", "drifters": seen.drifters}
 
 
+def _csv(path: Path) -> dict[str, Any]:
+    header = next(iter(_text(path).splitlines()), "").lower()
+    return _table(path) if "time" in header or "date" in header else _places(path)
+
+
 def _picture(path: Path) -> dict[str, Any]:
     from PIL import UnidentifiedImageError
 
@@ -377,7 +382,7 @@ KINDS: dict[str, Callable[[Path], dict[str, Any]]] = {
     ".map": _map,
     **dict.fromkeys((".pgm", ".png", ".bmp"), _picture),
     **dict.fromkeys(_EXPORTS, _export),
-    ".csv": _places,
+    ".csv": _csv,
     ".geojson": _geojson,
     **dict.fromkeys((".edges", ".graphml", ".graph", ".gml", ".adjlist"), _graph),
     ".parquet": _table,

@@ -36,26 +36,36 @@ class Doctor(Printing):
             raise ValueError("file: expected at least one, got none")
         if self.out is not None and len(self.file) != 1:
             raise ValueError(f"out: expected one file to draw, got {len(self.file)}")
-        reports = [examine(path) for path in self.file]
+        one_sea = len(self.file) > 1 and all(map(_may_be_current, self.file))
+        sources = [self.file] if one_sea else [(path,) for path in self.file]
+        reports = [examine(*paths) for paths in sources]
         if self.json:
             say(json.dumps(reports[0] if len(reports) == 1 else reports))
         else:
-            for path, report in zip(self.file, reports, strict=True):
+            for paths, report in zip(sources, reports, strict=True):
                 shown = report | {"doubts": "\n".join(report["doubts"]) or "none"}
                 rows = [(name.replace("_", " "), _shown(value)) for name, value in shown.items()]
-                table(str(path), ("", ""), rows)
+                table(", ".join(map(str, paths)), ("", ""), rows)
         if self.out is not None:
             save_picture(self.file[0], reports[0]["what"], self.out)
         return int(any(report["doubts"] for report in reports))
 
 
-def examine(path: Path) -> dict[str, Any]:
-    """Describe a file as `describe` does, with what commands read from it, and its `doubts`."""
+def _may_be_current(path: Path) -> bool:
+    with warnings.catch_warnings(action="ignore"):
+        return bool(re.match("currents|a NetCDF file", describe(path)["what"]))
+
+
+def examine(path: Path, *others: Path) -> dict[str, Any]:
+    """Describe a file as `describe` does, with what commands read from it, and its `doubts`.
+
+    The `others` are more files of the same currents, such as those of v.
+    """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         described = describe(path)
         if re.match("currents|trajectories|a NetCDF file", described["what"]):
-            described |= _sea(path, described["what"])
+            described |= _sea((path, *others), described["what"])
     doubts = [str(one.message) for one in caught if issubclass(one.category, Doubt | UserWarning)]
     options = [
         re.sub(r'`(\w+)(?:="(\w+)")?`', lambda found: _option(*found.groups()), doubt)
@@ -70,7 +80,7 @@ def _option(name: str, value: str | None) -> str:
     return f"--{name.replace('_', '-')} {value or ''}".strip()
 
 
-def _sea(path: Path, what: str) -> dict[str, Any]:
+def _sea(path: tuple[Path, ...], what: str) -> dict[str, Any]:
     """Read trajectories or currents as the commands do, and say what they are taken for."""
     errors = []
     for kind, read in (("trajectories", _of_trajectories), ("currents", _of_currents)):
@@ -83,7 +93,7 @@ def _sea(path: Path, what: str) -> dict[str, Any]:
     return {}
 
 
-def _of_trajectories(path: Path) -> dict[str, Any]:
+def _of_trajectories(path: tuple[Path, ...]) -> dict[str, Any]:
     seen = drift.open_trajectories(path)
     spans = {"longitudes": seen.lon, "latitudes": seen.lat, "seconds": seen.time}
     return {
@@ -94,7 +104,7 @@ def _of_trajectories(path: Path) -> dict[str, Any]:
     }
 
 
-def _of_currents(path: Path) -> dict[str, Any]:
+def _of_currents(path: tuple[Path, ...]) -> dict[str, Any]:
     from ..currents.ocean import read_moments
 
     times, sea = read_moments(path), drift.open_currents(path, mean=True)

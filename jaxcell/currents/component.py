@@ -1,12 +1,16 @@
 """A component of the velocity, read record by record at the centres of the cells."""
 
 import dataclasses
+import re
 from typing import TypeAlias
 
 import numpy as np
+import xarray as xr
 from jaxtyping import Bool, Float, Int
 
 from .axes.dimensions import Axes
+from .axes.times import SECONDS
+from .conventions import LENGTHS
 from .flags import Flag, read_flags
 from .grid import OceanGrid
 from .masks import Mask, part, read_mask
@@ -19,12 +23,12 @@ _Levels: TypeAlias = Float[np.ndarray, "levels y x"]
 FASTEST_CURRENT = 10.0
 """The largest accepted speed in m/s; faster currents come from undeclared fill values or units."""
 
-_METRES_PER_SECOND = {
-    "m/s": 1.0, "m s-1": 1.0, "m.s-1": 1.0, "m s^-1": 1.0, "ms-1": 1.0, "m/sec": 1.0,
-    "meter second-1": 1.0, "meters second-1": 1.0, "metre second-1": 1.0, "meter/sec": 1.0,
-    "meter/second": 1.0, "meters/second": 1.0, "meters/sec": 1.0,
-    "cm/s": 0.01, "cm s-1": 0.01, "cm.s-1": 0.01, "centimeter second-1": 0.01,
-}  # fmt: skip
+_SPEEDS = {"kn": 1852 / 3600, "mph": 1609.344 / 3600, "kph": 1 / 3.6, "kmh": 1 / 3.6}
+_PER = r" */ *({0})| +per +({0})|[ .*·]*({0}) *(?:\^|\*\*)?[{{(]?-1[)}}]?"
+_SPEED = re.compile(
+    rf"([\d.]+(?:e[+-]?\d+)?)?[ *]*({'|'.join(map(re.escape, LENGTHS))})"
+    rf"(?:{_PER.format('|'.join(SECONDS))})"
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,6 +51,16 @@ class Component:
     factor: float
     "The factor from the unit of the file to metres per second."
     flags: list[Flag]
+    valid: tuple[float, float]
+    "The least and the largest valid value, in the unit of the file."
+
+    @property
+    def valid_note(self) -> str:
+        """A note on the range of valid values, or ""."""
+        least, most = self.valid
+        if not np.isfinite(self.valid).any():
+            return ""
+        return f"{self.name}: values outside {least:g} to {most:g}, the valid range, are left out"
 
     def at(self, record: int) -> tuple[_Levels, Bool[np.ndarray, "levels y x"], _Levels]:
         """Read the velocity at the centres of the cells, at a record.
@@ -64,6 +78,8 @@ class Component:
         values = self.file.read(part(self.file, self.name, block), dims)
         for flag in self.flags:
             values = np.where(flag.at(self.file, block, dims), np.nan, values)
+        least, most = self.valid
+        values = np.where((values < least) | (values > most), np.nan, values)
         values = unmasked = values * self.factor
         open_sides = np.isfinite(values)
         if self.mask is not None:
@@ -126,15 +142,44 @@ def component(
             of_sides = dataclasses.replace(mask, water=wet)
         mask = of_sides
     flags = read_flags(file, name)
-    return Component(file, name, axes, places, cells[0], cells[1], inner, mask, factor, flags)
+    return Component(
+        file, name, axes, places, cells[0], cells[1], inner, mask, factor, flags,
+        _valid(file.dataset[name].variable),
+    )  # fmt: skip
+
+
+def _valid(variable: xr.Variable) -> tuple[float, float]:
+    """Return the range of valid values by `valid_range`, or `valid_min` and `valid_max`.
+
+    In a packed file they are packed too if they have the type of the stored values.
+    """
+    about = variable.attrs
+    both = about.get(
+        "valid_range", (about.get("valid_min", -np.inf), about.get("valid_max", np.inf))
+    )
+    least, most = (
+        float(value) * float(variable.encoding.get("scale_factor", 1))
+        + float(variable.encoding.get("add_offset", 0))
+        if np.asarray(value).dtype == variable.encoding.get("dtype")
+        else float(value)
+        for value in both
+    )
+    return least, most
 
 
 def metres_per_second(file: OceanFile, name: str) -> float:
     """Return the factor from the unit of a velocity to m/s; raise `ValueError` if it is unknown."""
     units = str(file.dataset[name].attrs.get("units", "m/s")).strip()
-    if units.lower() not in _METRES_PER_SECOND:
-        raise file.error(name, f"units: expected m s-1 or cm s-1, got {units!r}")
-    return _METRES_PER_SECOND[units.lower()]
+    spelt = units.lower().replace("⁻¹", "-1")
+    known = _SPEEDS.get(re.sub("^(kt|kn|knot)s?$", "kn", spelt))
+    if known is None and (match := _SPEED.fullmatch(spelt)):
+        known = float(match[1] or 1) * LENGTHS[match[2]] / SECONDS[match[3] or match[4] or match[5]]
+    if not known:
+        raise file.error(
+            name,
+            f"units: expected a unit of speed, got {units!r}; name it with units (--units cm/s)",
+        )
+    return known
 
 
 def read_cells(

@@ -10,7 +10,7 @@ import xarray as xr
 
 Role: TypeAlias = Literal[
     "velocity", "wind", "stokes", "time", "depth", "y", "x",
-    "lon", "lat", "side", "mask", "bed", "surface", "flag",
+    "lon", "lat", "side", "mask", "bed", "surface", "flag", "speed", "direction",
 ]  # fmt: skip
 Along: TypeAlias = Literal["earth", "grid", "dims"]
 
@@ -76,6 +76,10 @@ CONVENTIONS: tuple[Convention, ...] = (
     _row("velocity", "uvel vvel"),  # MITgcm, ECCO
     _row("velocity", "ubar vbar"),  # ROMS
     _row("velocity", "ug vg"),  # OSCAR
+    _row("speed", "speed current_speed cspd spd", "sea_water_speed"),
+    _row("direction", "direction current_direction cdir",
+         "sea_water_velocity_to_direction direction_of_sea_water_velocity "
+         "sea_water_velocity_from_direction", "degree degrees degrees_true"),
     _row("wind", "", "eastward_wind northward_wind", along="earth"),
     _row("wind", "eastward_wind northward_wind", along="earth"),
     _row("wind", "uwnd vwnd", along="earth"),  # NCEP, CCMP
@@ -84,17 +88,18 @@ CONVENTIONS: tuple[Convention, ...] = (
          "sea_surface_wave_stokes_drift_northward_velocity", along="earth"),
     _row("stokes", "vsdx vsdy", along="earth"),  # CMEMS
     _row("time", "time ocean_time scrum_time time_counter obs_time mt t", "time"),
-    _row("depth", "depth depthu depthv deptht z lev level s_rho sc_r z_slice", "depth"),
-    _row("y", "lat latitude y nj j eta_rho eta_u eta_v y_rho y_v rlat",
+    _row("depth", "depth depthu depthv deptht z lev level k z_t z_l zl s_rho sc_r z_slice",
+         "depth"),
+    _row("y", "lat latitude y nj j nlat eta_rho eta_u eta_v y_rho y_v rlat",
          "latitude projection_y_coordinate"),
-    _row("x", "lon longitude x ni i xi_rho xi_u xi_v x_rho x_u rlon",
+    _row("x", "lon longitude x ni i nlon xi_rho xi_u xi_v x_rho x_u rlon",
          "longitude projection_x_coordinate"),
     _row("lon", "glamt", point="t"),
     _row("lat", "gphit", point="t"),
-    _row("lon", "lon_rho nav_lon_rho lon longitude nav_lon nav_lon_grid_t", "longitude",
-         "degrees_east degree_east degrees_e degree_e"),
-    _row("lat", "lat_rho nav_lat_rho lat latitude nav_lat nav_lat_grid_t", "latitude",
-         "degrees_north degree_north degrees_n degree_n"),
+    _row("lon", "lon_rho nav_lon_rho lon longitude nav_lon nav_lon_grid_t ulong ulon geolon",
+         "longitude", "degrees_east degree_east degrees_e degree_e"),
+    _row("lat", "lat_rho nav_lat_rho lat latitude nav_lat nav_lat_grid_t ulat geolat",
+         "latitude", "degrees_north degree_north degrees_n degree_n"),
     _row("side", "e1t e2t", point="t"),
     # The name decides, because the standard name in files of CROCO may be wrong.
     _row("mask", "mask_rho mask_u mask_v", water=1),
@@ -119,6 +124,22 @@ STAGGERED = {
     "y_v": "y_rho",
 }
 
+
+TERRAIN = ("ocean_s_coordinate", "ocean_sigma_coordinate")
+"The beginnings of the standard names of levels that follow the sea bed."
+
+LENGTHS = {
+    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0),
+    **dict.fromkeys(("cm", "centimeter", "centimeters", "centimetre", "centimetres"), 0.01),
+    **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), 0.001),
+    **dict.fromkeys(("dm", "decimeter", "decimeters", "decimetre", "decimetres"), 0.1),
+    **dict.fromkeys(("km", "kilometer", "kilometers", "kilometre", "kilometres"), 1000.0),
+    **dict.fromkeys(("ft", "foot", "feet"), 0.3048),
+    **dict.fromkeys(("in", "inch", "inches"), 0.0254),
+    **dict.fromkeys(("mi", "mile", "miles"), 1609.344),
+    **dict.fromkeys(("nmi", "nautical mile", "nautical miles", "nautical_mile"), 1852.0),
+}
+"The units of length, in metres."
 
 # NEMO may name a dimension after the points of its grid: x_grid_U, y_grid_V_inner.
 POINTS = re.compile(r"_grid_([tuvwf])(_inner)?$")

@@ -14,7 +14,7 @@ from .flags import LEAST_PRESENT, fill_gaps
 from .grid import OceanGrid
 from .land import Land, read_land
 from .masks import Mask, read_mask
-from .models.roms import at_height
+from .models.roms import at_height, formula_terms
 from .netcdf import OceanFile
 from .velocity import Velocity
 
@@ -83,7 +83,8 @@ class FieldReader:
         """The depth of the sea bed in metres, NaN if unknown."""
         axes, variables = self.velocity.u_axes, self.file.dataset.variables.items()
         on_cells = (str(name) for name, v in variables if set(v.dims) == set(axes.rho))
-        name = find(self.file.dataset, "bed", on_cells)
+        terms = formula_terms(self.file, axes.depth)
+        name = terms.get("depth") or find(self.file.dataset, "bed", on_cells)
         if name is not None:
             return read_cells(self.file, name, axes, self.grid)
         if self.layers.s_levels is not None:
@@ -95,7 +96,9 @@ class FieldReader:
         """The variable with the height of the sea surface; `None` if levels do not follow it."""
         if self.layers.s_levels is None:
             return None
-        return find(self.file.dataset, "surface", map(str, self.file.dataset.variables))
+        terms = formula_terms(self.file, self.velocity.u_axes.depth)
+        variables = map(str, self.file.dataset.variables)
+        return terms.get("eta") or find(self.file.dataset, "surface", variables)
 
     def read(self, mean: bool = False) -> Field:
         """Read the velocity at the cell centres, without rotating it to East and North.
@@ -255,6 +258,7 @@ class FieldReader:
             notes.append("zeta: the file has none; the surface is taken as flat")
         if self.velocity.u_axes.staggered:
             notes.append(f"{self.names}: averaged from the sides of the cells to their centres")
+        notes += [component.valid_note for component in self.components if component.valid_note]
         # Both components may have the same flag.
         flags = (flag.note for component in self.components for flag in component.flags)
         return notes + list(dict.fromkeys(flags))

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..base.doubts import Doubt, warn
 from . import sphere
 from .axes.dimensions import Axes, is_rectangular
 from .netcdf import OceanFile
@@ -106,8 +107,15 @@ def _curvilinear(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
 
     lon, lat = (_in_degrees(file, name, read(name)) for name in (axes.lon, axes.lat))
     lon = sphere.wrapped(lon)
-    rows, columns = (np.arange(size) for size in sizes.values())
     notes = []
+    null = (lon == 0) & (lat == 0)
+    holes = ~np.isfinite(lon + lat) | (null & (1 < null.sum() < null.size))
+    if holes.any():
+        lon, lat = (np.where(holes, np.nan, values) for values in (lon, lat))
+        doubt = f"{axes.lon}: {holes.sum():,} squares have no position, or 0 N 0 E, and are land"
+        notes.append(doubt)
+        warn(f"{file.name}: {doubt}", Doubt)
+    rows, columns = (np.arange(size) for size in sizes.values())
     # Of two repeated columns one at each end is left out, so that kept columns have both sides.
     again = sphere.overlapping_columns(lon, lat)
     inner = slice(again // 2, columns.size - (again - again // 2))
@@ -116,7 +124,8 @@ def _curvilinear(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
         kept = inner
         lon, lat, columns = lon[:, kept], lat[:, kept], columns[kept]
         notes.append(f"{axes.lon}: {_columns(again)} at the ends repeated others; left out")
-    dx, dy, angle, turn = sphere.curvilinear_sides(lon, lat, wraps=wraps)
+    dx, dy, angle, turn = sphere.curvilinear_sides(*sphere.continued(lon, lat), wraps=wraps)
+    turn[np.isnan(lon)] = np.nan
     closed = rows >= rows.size - sphere.folded_rows(lon, lat)
     turn[closed] = np.nan
     if (turn < 0).any() and (turn > 0).any():

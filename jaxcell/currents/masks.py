@@ -54,6 +54,18 @@ def read_mask(
             block[str(depth)] = places
         return file.read(part(file, name, block), (depth or "", *dims))
 
+    if file.land is not None:
+        name, value = file.land
+        array = file.dataset[name]
+        if set(dims) <= set(array.dims):
+            extra = [dim for dim in array.dims if dim not in (*dims, depth)]
+            here: dict[str, Any] = {dims[0]: rows, dims[1]: columns, str(depth): places}
+            array = array.isel({dim: at for dim, at in here.items() if dim in array.dims})
+            wet: Any = False
+            for record in np.ndindex(*(array.sizes[dim] for dim in extra)):
+                one = array.isel(dict(zip(extra, record, strict=True)))
+                wet = wet | (file.read(one, (depth or "", *dims)) != value)
+            return Mask(name, wet, f"{value:g} is land, as asked")
     for row in table("mask"):
         for name in row.names:
             if name in candidates:

@@ -43,6 +43,10 @@ class OceanFile:
     "The variables, with times as numbers or dates; `read` turns fill values into NaN."
     elsewhere: Mapping[str, str] = dataclasses.field(default_factory=dict)
     "The paths of other files, keyed by the names of the variables that come from them."
+    positions: tuple[str, ...] = ()
+    "The variables that the caller named for longitudes, latitudes and depths, if any."
+    land: tuple[str, float] | None = None
+    "The variable, and its value on land, that the caller named."
 
     def error(self, field: str, message: str) -> ValueError:
         """Return an error whose message is one line that begins with the file and the field."""
@@ -95,8 +99,11 @@ class OceanFile:
 
 
 @contextlib.contextmanager
-def open_netcdf(path: str | os.PathLike[str]) -> Iterator[OceanFile]:
-    """Open a NetCDF file, of version 3 or 4, as a context manager."""
+def open_netcdf(path: str | os.PathLike[str], group: str | None = None) -> Iterator[OceanFile]:
+    """Open a NetCDF file, of version 3 or 4, or a `group` of it, as a context manager.
+
+    A file without variables of its own is opened at its only group with variables.
+    """
     name = os.fspath(path)
     if not Path(path).is_file():
         raise absent(name)
@@ -104,7 +111,9 @@ def open_netcdf(path: str | os.PathLike[str]) -> Iterator[OceanFile]:
     with unwarned():
         try:
             too_long = _too_long(path) if engine == "netcdf4" else {}
-            dataset = xr.Dataset() if too_long else open_undecoded(path, engine)
+            groups = _groups(path, group) if engine == "netcdf4" else [group or ""]
+            empty = too_long or len(groups) != 1
+            dataset = xr.Dataset() if empty else open_undecoded(path, engine, groups[0])
         except Exception as error:  # as above
             raise ValueError(
                 f"{name}: cannot be read as NetCDF (truncated, damaged or another format): "
@@ -115,15 +124,47 @@ def open_netcdf(path: str | os.PathLike[str]) -> Iterator[OceanFile]:
                 f"{name}: {field}: expected at most {_MAX_READ:,} values of a coordinate or of "
                 f"text, got {size:,}"
             )
+        if len(groups) != 1:
+            raise ValueError(
+                f"{name}: group: expected one of the groups {', '.join(filter(None, groups))}, got "
+                f"{group or 'none'}; name it with group (--group {groups[-1]})"
+            )
         with dataset:
             yield OceanFile(name, dataset)
 
 
-def open_undecoded(path: str | os.PathLike[str], engine: Any) -> xr.Dataset:
-    """Open a dataset with an xarray backend, without reading values or decoding times."""
-    return xr.open_dataset(
-        path, engine=engine, decode_times=False, decode_coords=False, cache=False
-    )
+def open_undecoded(
+    path: str | os.PathLike[str], engine: Any, group: str | None = None
+) -> xr.Dataset:
+    """Open a dataset, or a group with the coordinates of the groups that hold it.
+
+    No values are read, and no times decoded.
+    """
+    options: dict[str, Any] = {"decode_times": False, "decode_coords": False, "cache": False}
+    whole = xr.open_dataset(path, engine=engine, **options)
+    if not group:
+        return whole
+    part = xr.open_dataset(path, engine=engine, group=group, **options)
+    both = whole.merge(part, compat="override", join="override")
+    closing = contextlib.ExitStack()
+    closing.callback(whole.close)
+    closing.callback(part.close)
+    both.set_close(closing.close)
+    return both
+
+
+def _groups(path: str | os.PathLike[str], group: str | None) -> list[str]:
+    """List the groups to choose from: "" for the file itself, if it has variables."""
+    with netCDF4.Dataset(path) as file:
+        found, queue = [], [file]
+        while queue:
+            at = queue.pop(0)
+            queue += at.groups.values()
+            if any(variable.ndim > 1 for variable in at.variables.values()):
+                found.append(at.path.strip("/"))
+    if group is not None:
+        return [group.strip("/")] if group.strip("/") in found else ["", *found]
+    return [""] if "" in found or not found else found
 
 
 @contextlib.contextmanager

@@ -3,6 +3,7 @@
 import dataclasses
 import os
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -14,8 +15,10 @@ from .axes.times import When, choose_records, record_times
 from .fields import Field, FieldReader
 from .grid import OceanGrid, read_grid
 from .holes import fill_holes
-from .land import read_land
+from .land import Land, read_land
+from .models import plane
 from .netcdf import OceanFile
+from .said import Said
 from .sources import Source, open_source, source_name
 from .sphere import turned
 from .surface import Push, read_surface
@@ -28,10 +31,14 @@ _LEAST_RATIO_OF_SIDES = 5e-6
 
 
 def read_moments(
-    path: Source, *, grid: Source | None = None, variables: Sequence[str] | None = None
+    path: Source,
+    *,
+    grid: Source | None = None,
+    variables: Sequence[str] | None = None,
+    **said: Any,
 ) -> Shaped[np.ndarray, " records"]:
     """Read the time of each record of currents; the arguments are those of [`open_currents`][]."""
-    with open_source(path, grid) as file:
+    with open_source(path, grid, Said(**said)) as file:
         file, velocity = choose_velocity(file, variables)
         return record_times(file, velocity.u_axes.time).values
 
@@ -44,6 +51,13 @@ def open_currents(
     depths: float | int | Sequence[float | int] | None = None,
     bounds: Sequence[float | int] | None = None,
     variables: Sequence[str] | None = None,
+    dims: Sequence[str] | None = None,
+    coords: Sequence[str] | None = None,
+    time_units: str | None = None,
+    calendar: str | None = None,
+    mask: str | None = None,
+    units: str | None = None,
+    group: str | None = None,
     mean: bool = False,
     windage: float | int = 0.0,
     stokes: bool = False,
@@ -93,7 +107,19 @@ def open_currents(
         than east. On a turned or curved grid the smallest block with all these cells is read.
     - `variables`: the names of the velocities towards the East and North, for an ambiguous file.
         They are along x and y if they are on cell faces, or if their standard names are those of
-        velocities along x and y.
+        velocities along x and y. A speed and a direction can be named in their place.
+    - `dims`: axes of dimensions whose names are unknown, such as `["k=depth", "j=y", "i=x"]`. The
+        axes are `time`, `depth`, `y` and `x`; on a C-grid `y_rho` and `x_rho` of the centres, and
+        `x_u` and `y_v` of the sides.
+    - `coords`: the names of the variables with the longitudes and latitudes of the cells, and of
+        that with the depths of the levels if it is unknown too.
+    - `time_units`: the unit of the times, such as `"days since 2000-01-01"`. If a dimension of time
+        has no variable, its records are counted.
+    - `calendar`: the calendar of the times, by its name in CF.
+    - `mask`: the land, as `VAR=VALUE`: squares in which the variable has this value at all records,
+        such as `"KMT=0"` or `"uo=0"`.
+    - `units`: the unit of the velocities, such as `"cm/s"` or `"knots"`.
+    - `group`: the group of the file that has the velocities, if it has several.
     - `mean`: whether to compute only the mean of the records, with one record in memory at a time.
     - `windage`: the share of the speed of the wind that is added to the current of the first layer,
         about 0.01 to 0.04 for objects that project from the water; the file must have the wind.
@@ -133,12 +159,21 @@ def open_currents(
     if gaps not in ("open", "land", "fill"):
         raise ValueError(f"gaps: expected 'open', 'land' or 'fill', got {gaps!r}")
     coast = None if land is None else read_land(land)
-    with open_source(path, grid) as file:
+    said = Said(
+        dims=dims, coords=coords, time_units=time_units, calendar=calendar, mask=mask, units=units,
+        group=group,
+    )  # fmt: skip
+    with open_source(path, grid, said) as file:
         file, velocity = choose_velocity(file, variables)
+        if units is not None:
+            for name in (velocity.u, velocity.v):
+                file.dataset[name] = file.dataset[name].assign_attrs(units=units)
         axes = velocity.u_axes
         for name in (velocity.u, velocity.v, axes.lon, axes.lat):
             if 0 in file.dataset[name].shape:
                 raise file.error(name, "it has no values: one of its dimensions has the length 0")
+        if axes.lon == plane.LON:
+            gaps, coast = "land", Land("a plane, which has no coastline", np.array([], object))
         cells = read_grid(file, axes, bounds)
         times = record_times(file, axes.time)
         records = choose_records(file, times, time)

@@ -15,13 +15,16 @@ from .conventions import find
 from .netcdf import OceanFile, error_line, open_netcdf, open_undecoded, unwarned
 from .parquet import read_parquet
 from .records import join_records
+from .said import Said
 
 
 Source: TypeAlias = str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | xr.Dataset
 
 
 @contextlib.contextmanager
-def open_source(source: Source, grid: Source | None = None) -> Iterator[OceanFile]:
+def open_source(
+    source: Source, grid: Source | None = None, said: Said | None = None
+) -> Iterator[OceanFile]:
     """Open all files of a source as one, as a context manager.
 
     Records of several files are joined in chronological order, and variables of different names are
@@ -30,10 +33,11 @@ def open_source(source: Source, grid: Source | None = None) -> Iterator[OceanFil
     """
     with contextlib.ExitStack() as stack:
         stack.enter_context(unwarned())
-        file = _opened(source, stack)
+        said = said or Said()
+        file = _opened(source, stack, said)
         if grid is not None:
-            file = _with_grid(file, _opened(grid, stack))
-        yield file
+            file = _with_grid(file, _opened(grid, stack, Said(dims=said.dims)))
+        yield said.placed(file)
 
 
 def source_name(source: Source) -> str:
@@ -62,12 +66,22 @@ def paths_of(source: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]) 
     return paths
 
 
-def _opened(source: Source, stack: contextlib.ExitStack) -> OceanFile:
+def _opened(source: Source, stack: contextlib.ExitStack, said: Said) -> OceanFile:
     if isinstance(source, xr.Dataset):
         # The names of scalar coordinates, such as a depth, are written to attributes as in a file.
         variables, attributes = xr.conventions.encode_dataset_coordinates(source)
-        return OceanFile(source_name(source), xr.Dataset(variables, attrs=attributes))
-    files = [_opened_alone(path, stack) for path in paths_of(source)]
+        return said.named(OceanFile(source_name(source), xr.Dataset(variables, attrs=attributes)))
+    files = [said.named(_opened_alone(path, stack, said.group)) for path in paths_of(source)]
+    meshes = [file for file in files if "glamt" in file.dataset.variables]
+    if 0 < len(meshes) < len(files):
+        file = _joined_files([file for file in files if file not in meshes])
+        for mesh in meshes:
+            file = _with_grid(file, mesh)
+        return file
+    return _joined_files(files)
+
+
+def _joined_files(files: list[OceanFile]) -> OceanFile:
     if len(files) == 1:
         return files[0]
     clashing = _clashing_positions(files)
@@ -77,7 +91,7 @@ def _opened(source: Source, stack: contextlib.ExitStack) -> OceanFile:
     return join_records(parts, _joined([file.name for file in files]))
 
 
-def _opened_alone(path: str, stack: contextlib.ExitStack) -> OceanFile:
+def _opened_alone(path: str, stack: contextlib.ExitStack, group: str | None) -> OceanFile:
     """Open one file, Zarr store, or address of an OPeNDAP server."""
     if path.lower().endswith(".parquet"):
         return OceanFile(path, read_parquet(path))
@@ -87,9 +101,9 @@ def _opened_alone(path: str, stack: contextlib.ExitStack) -> OceanFile:
     elif Path(path).is_dir():
         engine, why = "zarr", "cannot be read as a Zarr store"
     else:
-        return stack.enter_context(open_netcdf(path))
+        return stack.enter_context(open_netcdf(path, group))
     try:
-        return OceanFile(path, stack.enter_context(open_undecoded(path, engine)))
+        return OceanFile(path, stack.enter_context(open_undecoded(path, engine, group)))
     except Exception as error:  # the exceptions of the libraries are not documented
         raise ValueError(f"{path}: {why}: {error_line(error)}") from error
 

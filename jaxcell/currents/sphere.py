@@ -185,6 +185,26 @@ def rectangular_sides(
     return dx, np.broadcast_to(EARTH_RADIUS * along[:, None], dx.shape).copy()
 
 
+def continued(lon: _Cells, lat: _Cells) -> tuple[_Cells, _Cells]:
+    """Continue a grid, at the steps beside it, into the holes where it has no position.
+
+    It is continued by two cells or more, so that all cells beside a hole have sides.
+    """
+    eastward, northward = lon.copy(), lat.copy()
+    for values in 2 * (eastward, northward):
+        for axis in (0, 1):
+            for step in (1, -1):
+                near, far = (np.roll(values, k * step, axis) for k in (1, 2))
+                inner = [slice(None), slice(None)]
+                inner[axis] = slice(2, None) if step == 1 else slice(None, -2)
+                at = np.zeros(values.shape, bool)
+                at[tuple(inner)] = True
+                guess = near + wrapped(near - far)
+                at &= np.isnan(values) & np.isfinite(guess)
+                values[at] = guess[at]
+    return eastward, northward
+
+
 def curvilinear_sides(
     lon: _Cells, lat: _Cells, *, wraps: bool = False
 ) -> tuple[_Cells, _Cells, _Cells, _Cells]:

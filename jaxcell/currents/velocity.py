@@ -4,9 +4,16 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
-from .axes.dimensions import Axes, find_axes, is_rectangular, on_nodes, unstructured
+from .axes.dimensions import (
+    Axes,
+    find_axes,
+    is_rectangular,
+    on_nodes,
+    unstructured,
+    without_outer_faces,
+)
 from .conventions import table
-from .models import mitgcm, nemo
+from .models import mitgcm, nemo, plane, polar
 from .netcdf import OceanFile
 
 
@@ -51,11 +58,17 @@ def choose_velocity(
 
     **Returns:** the file, with dimensions of ROMS if it is from NEMO or MITgcm; and the velocity.
     """
-    if variables is not None:
-        pair = _as_asked(file, variables)
-    else:
-        pair = _by_standard_name(file) or _by_name(file)
+    pair = None if variables is not None else _by_standard_name(file) or _by_name(file)
+    if pair is None:
+        file = polar.on_components(file, variables)
+        if polar.NAMES[0] in file.dataset.variables and polar.NAMES[0] not in (variables or ()):
+            pair = _Pair(*polar.NAMES, "earth", "by a speed and a direction")
+        elif variables is not None:
+            pair = _as_asked(file, variables)
+        else:
+            raise _no_velocity(file)
     file = nemo.on_points(mitgcm.on_points(file, pair.u, pair.v), pair.u, pair.v)
+    file = plane.on_earth(without_outer_faces(file), pair.u)
     u_axes, v_axes = find_axes(file, pair.u), find_axes(file, pair.v)
     if (u_axes.time, u_axes.depth, u_axes.rho) != (v_axes.time, v_axes.depth, v_axes.rho):
         raise file.error(
@@ -99,18 +112,22 @@ def _by_standard_name(file: OceanFile) -> _Pair | None:
     return None
 
 
-def _by_name(file: OceanFile) -> _Pair:
+def _by_name(file: OceanFile) -> _Pair | None:
     """Find u and v under the names that ocean models use, in upper or lower case."""
     for row in table("velocity"):
         if named := file.named(row.names):
             u, v = named
             return _Pair(u, v, row.along)
+    return None
+
+
+def _no_velocity(file: OceanFile) -> ValueError:
     variables = file.dataset.variables.items()
     meshes = [str(name) for name, v in variables if v.attrs.get("cf_role") == "mesh_topology"]
     meshes += [str(name) for name, v in variables if on_nodes(v.dims)]
     if meshes:
-        raise unstructured(file, meshes[0])
-    raise file.error("variables", f"no velocity found; the file has {_all(file)}; {_NAME_THEM}")
+        return unstructured(file, meshes[0])
+    return file.error("variables", f"no velocity found; the file has {_all(file)}; {_NAME_THEM}")
 
 
 def _along(file: OceanFile, pair: _Pair, axes: Axes) -> tuple[Literal["earth", "grid"], str]:
@@ -122,6 +139,10 @@ def _along(file: OceanFile, pair: _Pair, axes: Axes) -> tuple[Literal["earth", "
         return pair.along, pair.why or "by their names"
     if pair.why is not None:
         return "earth", pair.why
+    if axes.lon == plane.LON:
+        return "earth", "by the axes of the plane"
+    if axes.lon.lower() in ("ulon", "ulong"):
+        return "grid", "by the positions of POP"
     if is_rectangular(file, axes):
         return "earth", f"{dims}, on a grid of latitude and longitude"
     raise file.error(

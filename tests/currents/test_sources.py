@@ -133,7 +133,7 @@ def test_the_grid_of_croco_may_be_in_another_file(tmp_path):
     np.testing.assert_allclose(currents.u.values[..., open_sea], east)
     np.testing.assert_allclose(currents.v.values[..., open_sea], north)
     assert "lon_rho, lat_rho: from grid.nc" in currents.attrs["notes"]
-    refused(moving, r"u: no variable gives the longitudes .* grid$")
+    refused(moving, r"u: no variable gives the longitudes .*--coords LON LAT.*--grid FILE")
     short = write(tmp_path, whole[fixed].isel(xi_rho=slice(1, None)), "short.nc")
     wrong = whole[fixed].assign(angle=np.radians(90) + whole.angle)
     with pytest.raises(ValueError, match=r"short.nc: xi_rho: expected the length 9 of .*his.nc"):

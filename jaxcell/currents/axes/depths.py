@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..conventions import LENGTHS, TERRAIN
 from ..models.roms import ALONE, SLevels, read_s_levels
 from ..netcdf import OceanFile
 from .dimensions import axis_kind
@@ -101,18 +102,22 @@ def _depths(
 def _is_s(file: OceanFile, dim: str) -> bool:
     attributes = file.dataset[dim].attrs if dim in file.dataset.variables else {}
     standard_name = str(attributes.get("standard_name", ""))
-    return dim in ("s_rho", "sc_r") or standard_name.startswith("ocean_s_coordinate")
+    return dim in ("s_rho", "sc_r") or standard_name.startswith(TERRAIN)
 
 
 def _z_levels(file: OceanFile, dim: str) -> tuple[Float[np.ndarray, " levels"], str]:
     """Return depths in metres, positive down, and a note if the file gives them the wrong sign."""
     if dim not in file.dataset.variables:
-        raise file.error(dim, "the depths of the levels are missing")
+        raise file.error(
+            dim,
+            "the depths of the levels are missing; name them with coords (--coords LON LAT DEPTH)",
+        )
     levels = file.read(file.dataset[dim]).reshape(-1)
     attributes = file.dataset[dim].attrs
     units = str(attributes.get("units", "m"))
-    if units.lower() not in ("m", "meter", "meters", "metre", "metres"):
+    if units.lower() not in LENGTHS:
         raise file.error(dim, f"units: expected metres, got {units!r}")
+    levels = levels * LENGTHS[units.lower()]
     steps = np.diff(levels)
     if not (np.isfinite(levels).all() and ((steps > 0).all() or (steps < 0).all())):
         raise file.error(dim, f"expected levels in order, got {levels}")

@@ -6,7 +6,7 @@ from typing import Literal, TypeAlias
 
 import xarray as xr
 
-from ..conventions import POINTS, STAGGERED, find, table
+from ..conventions import POINTS, STAGGERED, TERRAIN, find, table
 from ..netcdf import OceanFile
 
 
@@ -48,6 +48,18 @@ class Axes:
         return STAGGERED.get(self.y, self.y), STAGGERED.get(self.x, self.x)
 
 
+def without_outer_faces(file: OceanFile) -> OceanFile:
+    """Leave out the first face of an axis with a face more than cells, as the faces in the file
+    then follow their cells."""
+    sizes = file.dataset.sizes
+    outer = {
+        side: slice(1, None)
+        for side, centre in STAGGERED.items()
+        if centre in sizes and sizes.get(side) == sizes[centre] + 1
+    }
+    return dataclasses.replace(file, dataset=file.dataset.isel(outer)) if outer else file
+
+
 def find_axes(file: OceanFile, name: str) -> Axes:
     """Find the dimensions of the velocity `name` from their names and attributes."""
     _check_structured(file, name)
@@ -59,12 +71,21 @@ def find_axes(file: OceanFile, name: str) -> Axes:
         elif size > 1:
             why = "it is unknown" if kind is None else f"{dims[kind]} is {kind} already"
             raise file.error(
-                name, f"dimension {dim} of length {size}: expected time, depth, y or x; {why}"
+                name,
+                f"dimension {dim} of length {size}: expected time, depth, y or x; {why}; name its "
+                f"axis with dims (--dims {dim}=AXIS)",
             )
+    depth = dims.get("depth", "")
+    if file.dataset.sizes.get(depth) == 1 and depth not in (*file.dataset.variables, "s_rho"):
+        del dims["depth"]  # a single level, whose depth is not known
     for kind in ("y", "x"):
         if kind not in dims:
             listed = ", ".join(map(str, file.dataset[name].dims)) or "none"
-            raise file.error(name, f"expected a dimension for {kind}, got the dimensions {listed}")
+            raise file.error(
+                name,
+                f"expected a dimension for {kind}, got the dimensions {listed}; name it with dims "
+                f"(--dims NAME={kind})",
+            )
     y, x = dims["y"], dims["x"]
     rho = STAGGERED.get(y, y), STAGGERED.get(x, x)
     lon, lat = _position(file, name, "lon", rho), _position(file, name, "lat", rho)
@@ -93,7 +114,7 @@ def axis_kind(dataset: xr.Dataset, dim: str) -> Kind | None:
     for kind, convention in conventions.items():
         if standard_name in convention.standard_names:
             return kind
-    if standard_name.startswith("ocean_s_coordinate"):
+    if standard_name.startswith(TERRAIN):
         return "depth"
     return _AXES.get(str(attributes.get("axis", "")))
 
@@ -149,18 +170,23 @@ def _position(
     file: OceanFile, velocity: str, which: Literal["lon", "lat"], dims: tuple[str, str]
 ) -> str:
     """Find the variable with the longitudes or latitudes of cells on the dimensions `dims`."""
-    along = dims[0] if which == "lat" else dims[1]
-    candidates = (
+    along, variables = dims[0] if which == "lat" else dims[1], file.dataset.variables
+    candidates = [
         str(name)
-        for name, variable in file.dataset.variables.items()
+        for name, variable in variables.items()
         if set(variable.dims) == set(dims) or variable.dims == (along,)
-    )
-    name = find(file.dataset, which, candidates)
-    if name is not None:
+    ]
+    asked = file.positions[which == "lat" :][:1]
+    if asked and asked[0] in candidates:
+        return asked[0]
+    # A file may have positions of other points on the same dimensions, as POP does.
+    own = [name for name in file.coordinates(velocity) if name in candidates]
+    name = find(file.dataset, which, own) or find(file.dataset, which, candidates)
+    if name is not None and not asked:
         return name
     word = {"lat": "latitudes", "lon": "longitudes"}[which]
     raise file.error(
         velocity,
-        f"no variable gives the {word} of its cells ({dims[0]}, {dims[1]}); if another file has "
-        "them, name it with grid",
+        f"no variable gives the {word} of its cells ({dims[0]}, {dims[1]}); name those that do "
+        "with coords (--coords LON LAT), or the file that has them with grid (--grid FILE)",
     )

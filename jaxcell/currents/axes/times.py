@@ -20,12 +20,22 @@ When: TypeAlias = Moment | slice | Sequence[Moment | None] | None
 
 SECONDS = {
     "s": 1, "sec": 1, "second": 1, "seconds": 1,
-    "min": 60, "minute": 60, "minutes": 60,
-    "h": 3600, "hour": 3600, "hours": 3600,
-    "d": 86400, "day": 86400, "days": 86400,
+    "secs": 1, "min": 60, "mins": 60, "minute": 60, "minutes": 60,
+    "h": 3600, "hr": 3600, "hrs": 3600, "hour": 3600, "hours": 3600,
+    "d": 86400, "day": 86400, "days": 86400, "week": 604800, "weeks": 604800,
 }  # fmt: skip
 # Years whose nanoseconds fit 64 bits, with a margin.
 _YEARS = range(1700, 2201)
+# The calendars of CF, by patterns of the words that files use for them.
+_CALENDARS = {
+    ".*360.*": "360_day",
+    ".*365.*|no_?.?leap.*": "noleap",
+    ".*366.*|all_?.?leap.*": "all_leap",
+    ".*proleptic.*": "proleptic_gregorian",
+    "(standard|.*greg.*|none|)": "standard",
+    "jul.*": "julian",
+}
+_DIGITS = re.compile("%Y%m%d|yyyymmdd", re.IGNORECASE)
 # The largest time without a date, counted from 1970, whose nanoseconds fit 64 bits.
 _MAX_SECONDS = 9.2e9
 
@@ -77,14 +87,28 @@ def read_times(file: OceanFile, name: str) -> Shaped[np.ndarray, " records"]:
     if variable.dtype.kind in "MO":
         return variable.values.reshape(-1)
     units = str(variable.attrs.get("units", ""))
-    if " since " in units:
-        try:
-            plain = xr.Dataset({"decoded": file.dataset[[name]].reset_coords().variables[name]})
-            return xr.decode_cf(plain)["decoded"].values.reshape(-1)
-        except Exception as error:  # the exceptions for damaged files are not documented
-            raise file.error(name, f"times in {units!r} cannot be read: {error}") from error
+    # Climatologies count from the year 0, which the standard calendar does not have.
+    dated = re.sub(r"since\s+0+-", "since 0001-", units.strip())
+    calendar = _calendar(file, name) if " since " in dated else ""
+    try:
+        if _DIGITS.search(dated):
+            days, part = np.divmod(file.read(variable).reshape(-1), 1)
+            dates = [datetime.datetime.strptime(f"{day:.0f}", "%Y%m%d") for day in days]
+            return np.array(dates, "datetime64[us]") + _lengths(part, np.timedelta64(1, "D"))
+        if " since " in dated:
+            return _counted(file.read(variable).reshape(-1), dated, calendar)
+    except Exception as error:  # the exceptions for damaged files are not documented
+        raise file.error(
+            name,
+            f"its times in {units!r} cannot be read; name their unit with time_units "
+            '(--time-units "days since 2000-01-01")',
+        ) from error
     if units.lower() not in SECONDS:
-        raise file.error(name, f"units: expected a unit of time since a date, got {units!r}")
+        raise file.error(
+            name,
+            f"units: expected a unit of time since a date, got {units!r}; name it with time_units "
+            '(--time-units "days since 2000-01-01")',
+        )
     seconds = file.read(variable).reshape(-1) * SECONDS[units.lower()]
     if not np.isfinite(seconds).all():
         raise file.error(name, "a time is missing")
@@ -102,19 +126,61 @@ def _decoded(file: OceanFile, name: str) -> RecordTimes:
         note = f"{name}: {units} without a date; counted from 1970-01-01"
         return RecordTimes(values, None, False, note)
     first = times[0]
-    if not isinstance(first, cftime.datetime) or first.year not in _YEARS:
-        raise file.error(
-            name, f"expected dates in the years {_YEARS[0]} to {_YEARS[-1]}, got {first}"
-        )
+    if not isinstance(first, cftime.datetime):
+        raise file.error(name, f"expected dates, got {first}")
     start = cftime.datetime(first.year, 1, 1, calendar=first.calendar)
     values = _in_nanoseconds(np.array([_since(start, date) for date in times]))
-    note = f"{name}: calendar {start.calendar}; its days are counted on from {first.year}-01-01"
-    return RecordTimes(values, start, True, note)
+    note = f"{name}: calendar {start.calendar}; the days since {first.year:04d}-01-01 are counted "
+    return RecordTimes(values, start, True, f"{note}from {_year(start)}-01-01")
+
+
+def _year(start: cftime.datetime) -> int:
+    """The year from which days are counted: years such as 0 and 1 are of no date."""
+    return start.year if start.year in _YEARS else 1970
 
 
 def _since(start: cftime.datetime, date: cftime.datetime) -> np.datetime64:
     """Convert a non-standard date to a standard date, keeping the number of days since `start`."""
-    return np.datetime64(f"{start.year}-01-01", "us") + np.timedelta64(date - start)
+    return np.datetime64(f"{_year(start)}-01-01", "us") + np.timedelta64(date - start)
+
+
+def _lengths(shares: np.ndarray, of: Any) -> np.ndarray:
+    """Return the shares of lengths of time, in microseconds."""
+    microseconds = shares * (of / np.timedelta64(1, "us"))
+    return np.round(microseconds).astype("timedelta64[us]")
+
+
+def _counted(values: np.ndarray, units: str, calendar: str) -> Shaped[np.ndarray, " records"]:
+    """Decode numbers in `units` such as `days since 2000-01-01`.
+
+    Months and years are those of the calendar, and a half is half of the month that it is in.
+    """
+    if match := re.match(r"(month|mon|year|yr)s?\s+(since .*)", units, re.IGNORECASE):
+        months = values * (12 if match[1].lower().startswith("y") else 1)
+        if calendar == "360_day":
+            return _counted(30 * months, f"days {match[2]}", calendar)
+        first = _counted(np.zeros(1), f"days {match[2]}", "proleptic_gregorian")[0]
+        month = first.astype("datetime64[M]") + np.floor(months).astype("timedelta64[M]")
+        begin, end = (m.astype("datetime64[us]") for m in (month, month + 1))
+        return begin + (first - first.astype("datetime64[M]")) + _lengths(months % 1, end - begin)
+    times = xr.Variable("time", values, {"units": units, "calendar": calendar})
+    dates = xr.decode_cf(xr.Dataset({"decoded": times}))["decoded"].values
+    if dates.dtype.kind == "M" and dates.astype("datetime64[Y]")[0].item().year < _YEARS[0]:
+        return np.atleast_1d(cftime.num2date(values, units, "proleptic_gregorian"))
+    return dates
+
+
+def _calendar(file: OceanFile, name: str) -> str:
+    """Return the calendar of times by its name in CF; other spellings are known by their words."""
+    spelt = str(file.dataset[name].attrs.get("calendar", "standard")).strip()
+    for word, calendar in _CALENDARS.items():
+        if re.fullmatch(word, spelt, re.IGNORECASE):
+            return calendar
+    raise file.error(
+        name,
+        f"calendar: {spelt!r} is unknown; name it with calendar (--calendar standard, "
+        "proleptic_gregorian, julian, 360_day, noleap or all_leap)",
+    )
 
 
 def _in_nanoseconds(dates: Any) -> Any:
@@ -236,7 +302,17 @@ def time_variable(file: OceanFile, dim: str | None) -> str | None:
     if dim in variables:
         return dim
     for name, variable in variables.items():
-        is_time = " since " in str(variable.attrs.get("units", "")) or variable.dtype.kind == "M"
-        if variable.dims == (dim,) and (is_time or str(name).lower() in names):
+        if variable.dims == (dim,) and is_time(file.dataset, str(name)):
             return str(name)
-    raise file.error(dim, "no variable gives the times of this dimension")
+    raise file.error(
+        dim,
+        "no variable gives the times of this dimension; to count its records, name a unit with "
+        'time_units (--time-units "days since 2000-01-01")',
+    )
+
+
+def is_time(dataset: xr.Dataset, name: str) -> bool:
+    """Return whether a variable has times, by its unit, its type or its name."""
+    variable = dataset.variables[name]
+    dated = " since " in str(variable.attrs.get("units", "")) or variable.dtype.kind == "M"
+    return dated or name.lower() in next(table("time")).names

@@ -1,4 +1,5 @@
-"""Files of MITgcm and ECCO, whose velocities are on the western and southern cell faces."""
+"""Files of MITgcm and ECCO, whose velocities are on the western and southern cell faces, and of
+MOM6, whose velocities are on the eastern and northern faces, or on all (symmetric memory)."""
 
 import dataclasses
 
@@ -9,8 +10,9 @@ from ..netcdf import OceanFile
 
 
 # The dimensions of sides, and of the centres beside them, as named by diagnostics, ECCO and mnc.
-_CENTRES = {"XG": "XC", "YG": "YC", "i_g": "i", "j_g": "j", "Xp1": "X", "Yp1": "Y"}
-_POSITIONS = {"lon_rho": ("XC", "X"), "lat_rho": ("YC", "Y")}
+_CENTRES = {"XG": "XC", "YG": "YC", "i_g": "i", "j_g": "j", "Xp1": "X", "Yp1": "Y",
+            "xq": "xh", "yq": "yh"}  # fmt: skip
+_POSITIONS = {"lon_rho": ("XC", "X", "geolon", "xh"), "lat_rho": ("YC", "Y", "geolat", "yh")}
 # The last letter of the names of masks, or of open shares of cells or sides.
 _MASKS = {"mask_rho": "C", "mask_u": "W", "mask_v": "S"}
 _FACES = ("tile", "face")
@@ -37,6 +39,9 @@ def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
     if len(across) != 1 or len(along) != 1:
         return file
     [(x_side, x)], [(y_side, y)] = across.items(), along.items()
+    if not {x, y} <= set(dataset.dims):
+        raise file.error(u, f"on the sides of cells, whose centres ({x}, {y}) are in another file; "
+                         "name it with grid (--grid FILE)")  # fmt: skip
     names = {x: "x_rho", y: "y_rho", x_side: "x_u", y_side: "y_v"}
 
     def placed(array: xr.DataArray) -> xr.Variable:
@@ -44,7 +49,8 @@ def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
         for side, centre in ((x_side, x), (y_side, y)):
             if side in array.dims:
                 count = dataset.sizes[centre]
-                after = np.arange(1, count + 1) % dataset.sizes[side]
+                first = int(side not in ("xq", "yq") or dataset.sizes[side] > count)
+                after = np.arange(first, count + first) % dataset.sizes[side]
                 array = array.isel({side: after})
         levels = {"k": "Z"} if "k" in array.dims and "Z" in dataset.variables else {}
         kept = {old: new for old, new in {**names, **levels}.items() if old in array.dims}
@@ -63,6 +69,9 @@ def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
                 "file has them, name it with grid",
             )  # fmt: skip
         variables[name] = placed(dataset[position])
+    for name, mask in {"mask_rho": "wet", "mask_u": "wet_u", "mask_v": "wet_v"}.items():
+        if mask in dataset.variables:
+            variables[name] = placed(dataset[mask])
     for name, letter in _MASKS.items():
         for prefix in ("mask", "hFac"):
             if (open_share := f"{prefix}{letter}") in dataset.variables:

@@ -6,6 +6,7 @@ values of a coordinate `s`, from -1 at the sea bed to 0 at the surface.
 """
 
 import dataclasses
+import re
 from typing import TypeAlias
 
 import numpy as np
@@ -96,14 +97,25 @@ def read_s_levels(file: OceanFile, dim: str) -> tuple[SLevels, str]:
     Parameters may be variables or global attributes.
     """
     transform, why = _transform(file, dim)
+    terms = formula_terms(file, dim)
     s = _levels(file, dim, (dim, "s_rho", "sc_r"))
-    stretching = _levels(file, dim, ("Cs_r", "Cs_rho"))
-    critical_depth = _read(file, ("hc",))
+    if transform == 0:  # the levels are shares of the depth
+        places = np.argsort(s)
+        return SLevels(s[places], s[places], 0.0, 2, places), why
+    stretching = _levels(file, dim, (terms.get("C", "Cs_r"), "Cs_r", "Cs_rho"))
+    critical_depth = _read(file, (terms.get("depth_c", "hc"), "hc"))
     if not (critical_depth.size == 1 and 0 <= critical_depth[0] < np.inf):
         raise file.error("hc", f"expected metres, 0 or more, got {critical_depth}")
     places = np.argsort(s)
     levels = SLevels(s[places], stretching[places], float(critical_depth[0]), transform, places)
     return levels, why
+
+
+def formula_terms(file: OceanFile, dim: str | None) -> dict[str, str]:
+    """Read the variables of the formula of levels in CF, such as that of `depth`, the sea bed."""
+    about = file.dataset[dim].attrs if dim in file.dataset.variables else {}
+    terms = re.findall(r"(\w+):\s*(\w+)", str(about.get("formula_terms", "")))
+    return {term: name for term, name in terms if name in file.dataset.variables}
 
 
 def at_height(values: _Levels, heights: _Levels, wanted: _Cells) -> _Cells:
@@ -151,14 +163,19 @@ def _read(file: OceanFile, names: tuple[str, ...]) -> Float[np.ndarray, " values
 
 
 def _transform(file: OceanFile, dim: str) -> tuple[int, str]:
-    """Read Vtransform, or derive it from attributes; also return a phrase that names its source."""
+    """Read Vtransform, or derive it from attributes; also return a phrase that names its source.
+
+    It is 0 for levels at shares of the depth.
+    """
     variables, attributes = file.dataset.variables, file.dataset.attrs
+    standard_name = str(variables[dim].attrs.get("standard_name")) if dim in variables else ""
+    if standard_name == "ocean_sigma_coordinate":
+        return 0, f"shares of the depth, as {dim} is {standard_name}"
     if "Vtransform" in variables or "Vtransform" in attributes:
         value = _read(file, ("Vtransform",))
         if value.size != 1 or value[0] not in (1, 2):
             raise file.error("Vtransform", f"expected 1 or 2, got {value}")
         return int(value[0]), f"Vtransform {value[0]:g}"
-    standard_name = str(variables[dim].attrs.get("standard_name")) if dim in variables else ""
     for number in (1, 2):
         if standard_name == f"ocean_s_coordinate_g{number}":
             return number, f"Vtransform {number}, as {dim} is {standard_name}"

@@ -22,13 +22,17 @@ from ...currents.parquet import write_parquet
 from ...currents.sources import Source, open_source, paths_of, source_name
 from ...currents.sphere import wrapped
 from .possible import possible_observations
+from .tables import read_csv
 
 
 _ROLES: dict[Role, str] = {"lon": "longitude", "lat": "latitude", "time": "time"}
 # Names, in small letters, of variables with the counts of observations and with the labels of
 # drifters; and prefixes of the name of the dimension of drifters.
 _COUNTS = ("rowsize", "row_size")
-_LABELS = ("id", "drifter", "particle", "particle_id", "trajectory")
+_LABELS = (
+    *("id", "drifter", "particle", "particle_id", "trajectory", "drifter_id", "buoy", "buoy_id"),
+    *("wmo", "platform", "platform_id", "platform_code", "device", "device_id", "name", "imei"),
+)
 _DRIFTERS = ("traj", "drifter", "particle")
 _MAX_TIME = 1e17
 
@@ -114,6 +118,9 @@ class Trajectories(Shown):
         order = known[np.lexsort((time[known], drifter[known]))]
         lon, lat, time, drifter = (column[order] for column in (lon, lat, time, drifter))
         new = np.append(True, (np.diff(time) > 0) | (np.diff(drifter) != 0))[: time.size]
+        if not new.all():
+            again = f"{np.sum(~new):,} of {new.size:,} observations are left out"
+            warn(f"{source}: {again}: their drifters have another at the same time", Doubt)
         drogued = None if drogued is None else drogued[order][new]
         lon, lat, time, drifter = wrapped(lon[new]), lat[new], time[new], drifter[new]
         possible = possible_observations(lon, lat, time, drifter, max_speed)
@@ -223,7 +230,8 @@ def open_trajectories(path: Source, max_speed: float | int = FASTEST_CURRENT) ->
     **Arguments:**
 
     - `path`: one or more files, a pattern, a Zarr store, an OPeNDAP address, a Parcels 4 table
-        whose name ends in `.parquet`, or an open dataset with encoded times.
+        whose name ends in `.parquet`, a table of text whose name ends in `.csv`, with columns
+        such as `id`, `time`, `lat` and `lon`, or an open dataset with encoded times.
     - `max_speed`: the largest speed in m/s; see [`Trajectories.of`][].
 
     **Returns:** [`Trajectories`][].
@@ -265,6 +273,8 @@ def open_trajectories(path: Source, max_speed: float | int = FASTEST_CURRENT) ->
 
 def _observations(source: str | xr.Dataset) -> tuple[dict[str, np.ndarray], str]:
     """Read the observations of one file, and the date from which it counts seconds, or ""."""
+    if not isinstance(source, xr.Dataset) and str(source).lower().endswith(".csv"):
+        source = read_csv(source)
     with open_source(source) as file:
         read = {str(role): file.dataset[_field(file, role)] for role in _ROLES}
         lon = read["lon"]
@@ -353,10 +363,14 @@ def _drifters(file: OceanFile, lon: xr.DataArray, time: xr.DataArray) -> xr.Data
         if labels and variable.dims == (dim,):
             _, label = np.unique(variable.values, return_inverse=True)
             return xr.DataArray(label, dims=[dim])
+    if time.dims == lon.dims and (time.values[1:] >= time.values[:-1]).all():
+        warn(f"{file.name}: no variable names the drifters; taken as one drifter", Doubt)
+        return xr.DataArray(np.zeros(lon.size, int), dims=[dim])
     raise file.error(
         str(lon.name),
-        f"the drifters along {dim} are unknown; expected a count of observations for each drifter "
-        "(sample_dimension), or the drifter of each observation",
+        f"the drifters along {dim} are unknown, and their times are not those of one; expected a "
+        "count of observations for each drifter (sample_dimension), the drifter of each "
+        "observation in a variable named id, or a file for each drifter",
     )
 
 

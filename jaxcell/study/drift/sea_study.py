@@ -3,12 +3,12 @@ import functools
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
 import tyro
 
 from ... import drift
-from ..parameters import Days, Limit, Metres, Share, Unit
+from ..parameters import Days, Headings, Limit, Metres, Share, Unit
 from ..study import Study, numbers
 
 
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     Source: TypeAlias = Files | xarray.Dataset
 else:
     Files = Source = tuple[Path, ...]
+
+SAID = ("dims", "coords", "time_units", "calendar", "mask", "units", "group")
+"""The options for what files do not say themselves."""
 
 DAY = 86_400.0
 """Seconds in a day."""
@@ -68,12 +71,29 @@ class SeaStudy(Study):
 class CurrentStudy(SeaStudy):
     """Base class of studies of drifters in a current, with the options to read it."""
 
+    headings: ClassVar[Headings] = {"What does the file not say itself?": SAID}
+
     grid: Path | None = None
     """File of the grid, such as mesh_mask.nc of NEMO, if the files of currents lack the grid."""
     bounds: Bounds | None = None
     """West, south, east and north limits of the region to read, in degrees."""
     variables: tuple[str, str] | None = None
     """Names of eastward and northward velocity variables, if the file does not identify them."""
+    dims: tuple[str, ...] | None = None
+    """Axes of dimensions whose names are unknown, such as k=depth j=y i=x; the axes are time,
+    depth, y, x, and on a C-grid y_rho, x_rho, y_v and x_u."""
+    coords: tuple[str, ...] | None = None
+    """Names of the variables with longitudes, latitudes and, if unknown, depths."""
+    time_units: str | None = None
+    """Unit of the times, such as "days since 2000-01-01"."""
+    calendar: str | None = None
+    """Calendar of the times by its name in CF, such as noleap."""
+    mask: str | None = None
+    """Land, as VAR=VALUE: squares in which a variable always has this value, such as uo=0."""
+    units: str | None = None
+    """Unit of the velocities, such as cm/s or knots."""
+    group: str | None = None
+    """Group of the file that has the velocities."""
     windage: Share = 0.0
     """Share of the wind speed to add to the current at the surface; the file must have wind."""
     stokes: bool = False
@@ -92,10 +112,15 @@ class CurrentStudy(SeaStudy):
     diffusivity: Annotated[float, Unit("", "m2/s"), Limit(ge=0)] = 0.0
     """Horizontal diffusivity in m2/s of the motion that the current does not resolve."""
 
+    @property
+    def said(self) -> dict[str, Any]:
+        """What the caller says of files that do not say it themselves."""
+        return {name: getattr(self, name) for name in SAID}
+
     def read(self, **options: Any) -> "xarray.Dataset":
         """Read the currents, with these options and those that the parameters give."""
         names = "grid", "bounds", "variables", "windage", "stokes", "land", "gaps"
-        options |= {name: getattr(self, name) for name in names}
+        options |= {name: getattr(self, name) for name in names} | self.said
         # A dataset of the program cannot be a key of the cache.
         read: Any = _currents if isinstance(self.file, tuple) else _currents.__wrapped__
         return read(self.file, tuple(options.items()))
@@ -141,7 +166,7 @@ class WindowStudy(CurrentStudy):
 
         from ...currents.ocean import read_moments
 
-        moments = read_moments(self.file, grid=self.grid, variables=self.variables)
+        moments = read_moments(self.file, grid=self.grid, variables=self.variables, **self.said)
         begin = self.on if self._period is None else self._period[0]
         on = moments[0] if begin is None else self._moment(begin)
         end = on + np.timedelta64(round(self.days * DAY * 1e9), "ns")
