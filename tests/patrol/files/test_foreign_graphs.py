@@ -154,3 +154,49 @@ def test_doctor_knows_them(tmp_path, capsys):
     degrees, loop = report["doubts"]
     assert "taken as degrees" in degrees
     assert "1 loop is left out" in loop
+
+
+def saved(folder, links, directed=False):
+    """Write a graph of three vertices in a row, and links with attributes."""
+    nodes = [{"id": name, "x": 3.0 * k, "y": 0.0} for k, name in enumerate("abc")]
+    path = folder / "row.json"
+    path.write_text(json.dumps({"directed": directed, "nodes": nodes, "links": links}))
+    return path
+
+
+def joined(**attributes):
+    return [{"source": tail, "target": head, **attributes} for tail, head in ("ab", "bc")]
+
+
+@pytest.mark.parametrize("name", ["distance", "travel_time", "weight", "cost"])
+def test_lengths_under_another_name_are_doubted_until_named(tmp_path, capsys, name):
+    path = saved(tmp_path, joined(**{name: 10.0}))
+    guard = ["patrol", "guard", str(path), "--attack-time", "90", "--speed", "1"]
+    for line in (["doctor", str(path), "--json"], guard, ["patrol", "graph", str(path)]):
+        main(line)
+        said = "".join(capsys.readouterr())
+        assert "edges have no `length`" in said or "edges have no --length" in said
+        assert f"to read another attribute as length, set --weight {name}" in said
+    assert main([*guard, "--weight", name]) == 0
+    assert "no `length`" not in capsys.readouterr().err
+    assert main([*guard, "--weight", "wait"]) == 2
+    assert f"--weight: no edge has 'wait'; they have {name}" in capsys.readouterr().err
+
+
+def test_streets_marked_oneway_in_an_undirected_graph_are_doubted(tmp_path):
+    path = saved(tmp_path, joined(oneway="yes", length=3.0))
+    for read in (load_graph, load_ways):
+        with pytest.warns(Doubt, match=r"2 of 2 edges of an undirected graph are marked oneway"):
+            read(path)
+    assert load_ways(path, directed=True).ends.tolist() == [[0, 1], [1, 2]]
+
+
+def test_vertices_without_a_way_back_are_said_above_the_answer(tmp_path, capsys):
+    path = saved(tmp_path, joined(), directed=True)
+    assert main(["patrol", "guard", str(path), "--attack-time", "6"]) == 0
+    out, err = capsys.readouterr()
+    assert "2 of 3 vertices are no targets, because no way leads there and back: a, b" in err
+    assert "At the targets that can be guarded, no intruder escapes" in out
+    assert main(["doctor", str(path), "--json"]) == 1
+    [doubt] = json.loads(capsys.readouterr().out)["doubts"]
+    assert doubt.endswith("to choose, set --targets")
