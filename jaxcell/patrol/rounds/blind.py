@@ -53,6 +53,11 @@ class _Flow(NamedTuple):
             found.append((share, cycle))
         return found
 
+    def routes(self, game: Game, moves: Sequence[int]) -> tuple[Route, ...]:
+        """Follow the robots along a closed path of moves."""
+        ends = [(self.states[self.ends[move]], self.orders[move]) for move in moves]
+        return routes_along(game, self.clock, [ends[-1], *ends])
+
     def joined(self, cycles: Sequence[list[int]], repeats: Sequence[int]) -> list[int]:
         """Repeat the first cycle, and each other one where the fewest moves lead there and back."""
         number = np.arange(1.0, self.begins.size + 1)
@@ -139,6 +144,13 @@ def least_risk(game: Game) -> float | None:
     return None if (flow := _least_flow(game)) is None else flow.risk
 
 
+def blind_schedules(game: Game) -> list[tuple[Route, ...]]:
+    """Return the cycles of [`least_risk`][], whose mixture has this risk; none if it is `None`."""
+    if (flow := _least_flow(game)) is None:
+        return []
+    return [flow.routes(game, cycle) for _, cycle in flow.cycles()]
+
+
 def blind_routes(game: Game, loss: float) -> tuple[Route, ...] | None:
     """Follow the moves of [`least_risk`][], each cycle of them for its share of the time.
 
@@ -158,8 +170,7 @@ def blind_routes(game: Game, loss: float) -> tuple[Route, ...] | None:
         if best and np.dot(repeats, [*map(len, cycles)]) > _LONGEST:
             break
         joined = flow.joined(cycles, repeats)
-        ends = [(flow.states[flow.ends[move]], flow.orders[move]) for move in joined]
-        routes = routes_along(game, flow.clock, [ends[-1], *ends])
+        routes = flow.routes(game, joined)
         risk = float(evaluate_followed(game, routes).risk(game).max())
         if risk <= flow.risk + _SAME * game.value.max():
             return routes

@@ -85,9 +85,7 @@ def best_routes(game: Game) -> tuple[Route, ...]:
     best, risk = _safest(game, found.routes, float(found.evaluation.risk(game).max()))
     if game.adversary == "blind" and risk > 0 and best is found.routes:
         best, risk = _with_stays(found, risk)
-    few = game.robots <= MOST_ROBOTS
-    few = few and game.targets.size <= (MOST_SUBSETS if game.robots <= 2 else _DIVIDED)
-    if game.adversary != "blind" or not few or game.components[0] > 1 or risk <= 0:
+    if game.adversary != "blind" or not _is_mixed(game) or risk <= 0:
         return best
     most = float(game.value.max())
     enough, turns = risk - _GAIN * most, best
@@ -103,6 +101,20 @@ def best_routes(game: Game) -> tuple[Route, ...]:
         if risk <= limit + _LOSS * most:
             break
     return turns if risk < enough else best
+
+
+def _is_mixed(game: Game) -> bool:
+    """Check whether targets and robots are few enough to mix rounds."""
+    most = MOST_SUBSETS if game.robots <= 2 else _DIVIDED
+    few = game.robots <= MOST_ROBOTS and game.targets.size <= most
+    return few and game.components[0] == 1
+
+
+def rounds_to_mix(game: Game) -> list[tuple[Route, ...]]:
+    """Return the rounds that [`best_routes`][] does in turn; none if there are many targets."""
+    if not _is_mixed(game):
+        return []
+    return [one.routes for one in _mixture(game, best_rounds(game))[0]]
 
 
 def _safest(game: Game, routes: tuple[Route, ...], risk: float) -> tuple[tuple[Route, ...], float]:
