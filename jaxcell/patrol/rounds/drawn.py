@@ -6,15 +6,13 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from .blind import blind_schedules
 from .evaluation import evaluate_followed
 from .game import Game
-from .mixing import best_routes, mix, rounds_to_mix
+from .mixing import mixture
 from .route import Route
+from .search import best_rounds
 
 
-# Least probability of a schedule.
-_LEAST = 1e-9
 # Number of longest periods within which a schedule begins.
 _PERIODS = 10_000
 
@@ -60,14 +58,10 @@ def best_mixture(game: Game) -> DrawnSchedules:
         raise ValueError(
             "adversary: expected blind, because a watcher sees which schedule is drawn"
         )
-    every = [best_routes(game), *(blind_schedules(game) or rounds_to_mix(game))]
-    exposure = np.array([evaluate_followed(game, routes).exposure for routes in every])
-    mixed = mix(1 - exposure, game.value)
-    kept = np.flatnonzero(mixed.shares > _LEAST)
-    chance = mixed.shares[kept] / mixed.shares[kept].sum()
-    mean = chance @ exposure[kept]
-    schedules = tuple(every[k] for k in kept.tolist())
-    return DrawnSchedules(schedules, chance, mean, float((mean * game.value).max()))
+    schedules, chance, _ = mixture(game, best_rounds(game))
+    exposed = [evaluate_followed(game, routes).exposure for routes in schedules]
+    mean = chance @ np.array(exposed)
+    return DrawnSchedules(tuple(schedules), chance, mean, float((mean * game.value).max()))
 
 
 def _shifted(route: Route, ahead: float) -> Route:
