@@ -18,7 +18,8 @@ time is the least of theirs.
 `best_rounds` searches for `Rounds` with the least risk, which is exposure times value: one closed
 tour with evenly spaced robots, or several tours of some targets each, with some of the robots; if
 targets differ, a tour may visit some of them several times. One robot on the shortest tour is
-optimal for equal attack times: between two visits to some target it visits all others. `bound`
+optimal for equal attack times: between two visits to some target it visits all others.
+`best_routes` also does schedules in turn, and `best_mixture` draws one for each night. `bound`
 computes what no patrol exceeds, and `Guarded` is the result for studies.
 
 `load_game` and `save_game` read and write `game.json`, which `is_game` recognizes; `load_routes`

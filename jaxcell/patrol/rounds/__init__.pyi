@@ -1,4 +1,5 @@
 from .bounding import Bound as Bound, bound as bound
+from .drawn import DrawnSchedules as DrawnSchedules, best_mixture as best_mixture
 from .evaluation import Evaluation as Evaluation, evaluate as evaluate
 from .game import Game as Game, is_game as is_game, load_game as load_game, save_game as save_game
 from .guarded import Guarded as Guarded

@@ -1,7 +1,6 @@
 """The least risk of all schedules, if the adversary comes at a random time, in small games."""
 
 import functools
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -9,18 +8,13 @@ import scipy.optimize
 import scipy.sparse
 from jaxtyping import Float, Int
 
-from .evaluation import evaluate_followed
 from .game import Game
 from .joint import Clock, State, clock_of, routes_along
 from .route import Route
 
 
-# Largest number of moves between states in the linear program, and of moves in a schedule.
-_MOVES, _LONGEST = 12_000, 4000
-# Numbers of times that the cycle with the least share is repeated, and the least share of one.
-_REPEATS, _LEAST = (*range(1, 13), 20, 50, 100, 200, 500, 1000), 1e-3
-# Least flow; and relative difference below which risks are equal.
-_LITTLE, _SAME = 1e-9, 1e-7
+# Largest number of moves between states in the linear program, and the least share of one.
+_MOVES, _LITTLE = 12_000, 1e-9
 
 
 class _Flow(NamedTuple):
@@ -34,9 +28,9 @@ class _Flow(NamedTuple):
     share: Float[np.ndarray, "moves"]
     risk: float
 
-    def cycles(self) -> list[tuple[float, list[int]]]:
-        """Divide the flow into cycles of moves, each with a share per move."""
-        left, found = self.share.copy(), []
+    def cycles(self) -> list[list[int]]:
+        """Divide the flow into cycles of moves."""
+        left, found = self.share.copy(), list[list[int]]()
         out = np.split(np.arange(left.size), np.flatnonzero(np.diff(self.begins)) + 1)
         while left.max() > _LITTLE:
             move, path, at = int(left.argmax()), list[int](), dict[int, int]()
@@ -50,38 +44,8 @@ class _Flow(NamedTuple):
             if share <= _LITTLE:
                 break
             left[cycle] -= share
-            found.append((share, cycle))
+            found.append(cycle)
         return found
-
-    def joined(self, cycles: Sequence[list[int]], repeats: Sequence[int]) -> list[int]:
-        """Repeat the first cycle, and each other one where the fewest moves lead there and back."""
-        number = np.arange(1.0, self.begins.size + 1)
-        shape = (len(self.states),) * 2
-        moves = scipy.sparse.csr_array((number, (self.begins, self.ends)), shape=shape)
-
-        def ways(from_: Int[np.ndarray, "_"]) -> tuple[np.ndarray, np.ndarray]:
-            return scipy.sparse.csgraph.dijkstra(
-                moves, indices=from_, unweighted=True, return_predecessors=True
-            )
-
-        def followed(before: Int[np.ndarray, "states"], end: int) -> list[int]:
-            way = []
-            while before[end] >= 0:
-                way.append(int(moves[before[end], end]) - 1)
-                end = int(before[end])
-            return way[::-1]
-
-        joined = cycles[0] * repeats[0]
-        for cycle, times in zip(cycles[1:], repeats[1:], strict=True):
-            here, inside = np.unique(self.begins[joined]), self.begins[cycle]
-            (there, before), (back, after) = ways(here), ways(inside)
-            moved = there[:, inside] + back[:, here].T
-            i, k = divmod(int(moved.argmin()), len(cycle))
-            at = int(np.argmax(self.begins[joined] == here[i]))
-            turned = (cycle[k:] + cycle[:k]) * times
-            way, home = followed(before[i], int(inside[k])), followed(after[k], int(here[i]))
-            joined = joined[:at] + way + turned + home + joined[at:]
-        return joined
 
 
 @functools.lru_cache(maxsize=4)
@@ -139,30 +103,12 @@ def least_risk(game: Game) -> float | None:
     return None if (flow := _least_flow(game)) is None else flow.risk
 
 
-def blind_routes(game: Game, loss: float) -> tuple[Route, ...] | None:
-    """Follow the moves of [`least_risk`][], each cycle of them for its share of the time.
-
-    Where cycles have no state in common, walks between them increase the risk.
-
-    **Returns:** routes with the least risk, if there are any with a period of up to 4,000 moves;
-    else the shortest whose risk exceeds it by at most `loss`, or those with the least. `None` as in
-    `least_risk`.
-    """
+def blind_schedules(game: Game) -> list[tuple[Route, ...]]:
+    """Return the cycles of [`least_risk`][], whose mixture has this risk; none if it is `None`."""
     if (flow := _least_flow(game)) is None:
-        return None
-    kept = [(share, cycle) for share, cycle in flow.cycles() if share * len(cycle) > _LEAST]
-    shares, cycles = np.array([share for share, _ in kept]), [cycle for _, cycle in kept]
-    best, least = None, np.inf
-    for more in _REPEATS:
-        repeats = np.rint(more * shares / shares.min()).astype(int).tolist()
-        if best and np.dot(repeats, [*map(len, cycles)]) > _LONGEST:
-            break
-        joined = flow.joined(cycles, repeats)
-        ends = [(flow.states[flow.ends[move]], flow.orders[move]) for move in joined]
-        routes = routes_along(game, flow.clock, [ends[-1], *ends])
-        risk = float(evaluate_followed(game, routes).risk(game).max())
-        if risk <= flow.risk + _SAME * game.value.max():
-            return routes
-        if risk < least and least > flow.risk + loss:
-            best, least = routes, risk
-    return best
+        return []
+    schedules = []
+    for cycle in flow.cycles():
+        ends = [(flow.states[flow.ends[move]], flow.orders[move]) for move in cycle]
+        schedules.append(routes_along(game, flow.clock, [ends[-1], *ends]))
+    return schedules

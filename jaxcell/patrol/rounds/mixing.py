@@ -8,7 +8,7 @@ import numpy as np
 import scipy.optimize
 from jaxtyping import Float
 
-from .blind import blind_routes, least_risk
+from .blind import blind_schedules
 from .evaluation import evaluate_followed
 from .game import Game
 from .joint import safe_routes
@@ -65,8 +65,8 @@ def best_routes(game: Game) -> tuple[Route, ...]:
     robots, or 11 targets and 4 robots, rounds through some of the targets are repeated in turn,
     each for a share of a long period, if the risk is then less by 2 % of the largest value. The
     shares solve a linear program, whose rounds are found one by one, by their capture at its
-    prices. In small games with a common unit of times, all joint schedules are mixed instead, which
-    are also taken if no strategy has a smaller risk.
+    prices. In small games whose times are multiples of a unit, all joint schedules are mixed
+    instead; a single one of them is taken if it is the best of all strategies.
 
     **Arguments:** the game. **Returns:** a route for each robot. **Raises:** `ValueError` if there
     are fewer robots than parts of the graph.
@@ -79,30 +79,46 @@ def best_routes(game: Game) -> tuple[Route, ...]:
         >>> once = patrol.rounds.best_rounds(game).evaluation
         >>> longer = patrol.rounds.evaluate(game, patrol.rounds.best_routes(game))
         >>> once.exposure.round(3).tolist(), longer.exposure.round(3).tolist()
-        ([0.833, 0.833], [0.51, 0.51])
+        ([0.833, 0.833], [0.507, 0.507])
     """
     found = best_rounds(game)
     best, risk = _safest(game, found.routes, float(found.evaluation.risk(game).max()))
     if game.adversary == "blind" and risk > 0 and best is found.routes:
         best, risk = _with_stays(found, risk)
-    few = game.robots <= MOST_ROBOTS
-    few = few and game.targets.size <= (MOST_SUBSETS if game.robots <= 2 else _DIVIDED)
-    if game.adversary != "blind" or not few or game.components[0] > 1 or risk <= 0:
+    if game.adversary != "blind" or not _is_mixed(game) or risk <= 0:
         return best
     most = float(game.value.max())
     enough, turns = risk - _GAIN * most, best
-    if (limit := least_risk(game)) is not None:
-        turns = blind_routes(game, _LOSS * most) or best
-        lower = float(evaluate_followed(game, turns).risk(game).max())
-        optimal = lower <= limit + _SAME * most < risk - _SAME * most
-        return turns if optimal or lower < enough else best
-    rounds, shares, limit = _mixture(game, found)
+    schedules, shares, limit = mixture(game, found)
+    if len(schedules) == 1 and limit < risk - _SAME * most:
+        return schedules[0]
     for period in _PERIODS if limit < enough else ():
-        turns = _alternated(game, rounds, shares, period)
+        turns = _alternated(game, schedules, shares, period)
         risk = float(evaluate_followed(game, turns).risk(game).max())
         if risk <= limit + _LOSS * most:
             break
     return turns if risk < enough else best
+
+
+def _is_mixed(game: Game) -> bool:
+    """Check whether targets and robots are few enough to mix rounds."""
+    most = MOST_SUBSETS if game.robots <= 2 else _DIVIDED
+    few = game.robots <= MOST_ROBOTS and game.targets.size <= most
+    return few and game.components[0] == 1
+
+
+def mixture(
+    game: Game, first: Rounds
+) -> tuple[list[tuple[Route, ...]], Float[np.ndarray, "schedules"], float]:
+    """Find schedules, their shares of the time, and the risk if changes took no time."""
+    schedules = [first.routes, *blind_schedules(game)]
+    if len(schedules) == 1 and _is_mixed(game):
+        schedules = _rounds_to_mix(game, first)
+    exposed = [evaluate_followed(game, routes).exposure for routes in schedules]
+    mixed = mix(1 - np.array(exposed), game.value)
+    used = np.flatnonzero(mixed.shares > _SAME)
+    shares = mixed.shares[used] / mixed.shares[used].sum()
+    return [schedules[k] for k in used.tolist()], shares, mixed.risk
 
 
 def _safest(game: Game, routes: tuple[Route, ...], risk: float) -> tuple[tuple[Route, ...], float]:
@@ -150,8 +166,8 @@ def _with_stays(found: Rounds, risk: float) -> tuple[tuple[Route, ...], float]:
     return best, risk
 
 
-def _mixture(game: Game, first: Rounds) -> tuple[list[Rounds], list[float], float]:
-    """Find rounds, their shares of the time, and the risk if changes took no time."""
+def _rounds_to_mix(game: Game, first: Rounds) -> list[tuple[Route, ...]]:
+    """Find rounds that lower the risk of their mixture, one by one."""
     lengths = closed_tours(game.between)
     inside = membership(game.targets.size)
     with np.errstate(divide="ignore"):
@@ -175,8 +191,7 @@ def _mixture(game: Game, first: Rounds) -> tuple[list[Rounds], list[float], floa
             break
         rounds.append(new)
         capture.append(now)
-    used = np.flatnonzero(mixed.shares > _LEAST)
-    return [rounds[k] for k in used.tolist()], mixed.shares[used].tolist(), mixed.risk
+    return [one.routes for one in rounds]
 
 
 def _with_parts(
@@ -194,16 +209,19 @@ def _with_parts(
 
 
 def _alternated(
-    game: Game, rounds: Sequence[Rounds], shares: Sequence[float], periods: int
+    game: Game,
+    schedules: Sequence[tuple[Route, ...]],
+    shares: Float[np.ndarray, "schedules"],
+    periods: int,
 ) -> tuple[Route, ...]:
     """Repeat each of some rounds for its share of a period, and walk from one to the next."""
     number = {vertex: target for target, vertex in enumerate(game.targets.tolist())}
-    walked = [r.period for one in rounds for r in one.routes if r.vertex.size > 1]
+    walked = [route.period for one in schedules for route in one if route.vertex.size > 1]
     whole = periods * max([*walked, float(game.between.max())])
     phases = []
-    for followed, share in zip(rounds, shares, strict=True):
+    for followed, share in zip(schedules, shares.tolist(), strict=True):
         lasts = float(np.ceil(share * whole) if game.whole else share * whole)
-        phases.append([_repeated(route, lasts, number) for route in followed.routes])
+        phases.append([_repeated(route, lasts, number) for route in followed])
     order = np.arange(game.robots)
     visits: list[list[tuple[int, float, float]]] = [[] for _ in range(game.robots)]
     now = 0.0
@@ -246,10 +264,8 @@ def _repeated(
         return [(int(route.vertex[0]), 0.0, duration)]
     duration = max(duration, route.period)
     begins = np.arange(0, duration, route.period)
-    at = (begins[:, None] + route.arrive).ravel().tolist()
+    times = ((begins[:, None] + each).ravel().tolist() for each in (route.arrive, route.leave))
     vertex = np.tile(route.vertex, len(begins)).tolist()
-    visits = [
-        (v, t, t) for v, t in zip(vertex, at, strict=True) if t <= max(duration, route.period)
-    ]
+    visits = [visit for visit in zip(vertex, *times, strict=True) if visit[1] <= duration]
     targets = [k for k, (v, _, _) in enumerate(visits) if v in number]
     return visits[targets[0] : targets[-1] + 1]
