@@ -1,6 +1,7 @@
 """Own computations of rounds, which share nothing with the library."""
 
 import itertools
+import math
 
 import numpy as np
 import scipy.optimize
@@ -72,16 +73,17 @@ def least_risk(edges, attack, value, robots=1):
             after[place].append(new)
             after[new], place = [], new
         after[place].append(b)
-    first = (0,) * robots, tuple(attack)
+    longest = [math.ceil(a) for a in attack]
+    first = (0,) * robots, tuple(longest)
     number, moves, stack = {first: 0}, [], [first]
     while stack:
         at, ages = state = stack.pop()
         for there in itertools.product(*(after[place] for place in at)):
             # The part of the next unit of time in which an attack is over, and no robot is there.
-            late = [float(age >= a) for age, a in zip(ages, attack, strict=True)]
+            late = [min(1.0, max(0.0, age + 1 - a)) for age, a in zip(ages, attack, strict=True)]
             late = [0.0 if v in at else one for v, one in enumerate(late)]
             grown = tuple(
-                0 if v in there else min(age + 1, attack[v]) for v, age in enumerate(ages)
+                0 if v in there else min(age + 1, longest[v]) for v, age in enumerate(ages)
             )
             key = tuple(sorted(there)), grown
             if key not in number:

@@ -8,6 +8,7 @@ import shapely
 from jaxtyping import Bool, Float, Int
 
 from ..base.formatting import counted
+from ..base.intervals import clopper_pearson
 from ..base.quantities import Checks, Result, derived, from_part, quantity
 from ..space import CellSpace
 from ..walls import (
@@ -55,7 +56,8 @@ class Anywhere(Result):
             *self._worst,
             *self._disbelieved,
             f"{100 * share:.3g} % of {self.robots:,} robots know where they are, to "
-            f"{self.radius:.3g} m{when}; {100 * self.lost_share:.3g} % are lost.",
+            f"{self.radius:.3g} m{when}; {100 * self.lost_share:.3g} % are lost. "
+            f"{share_of_all(share, self.robots)}",
         )
 
     @property
@@ -308,3 +310,11 @@ class HomeFromAnywhere(Anywhere):
     def bumps_until_home(self) -> Float[np.ndarray, "robots"]:
         arrived = self.trial.arrived
         return np.where(arrived.any(axis=1), arrived.argmax(axis=1) + 1.0, np.inf)
+
+
+def share_of_all(share: float, robots: int) -> str:
+    """Write a sentence with the 95 % interval of the share of all robots, from that of some."""
+    low, high = clopper_pearson(np.array(round(share * robots)), robots)
+    return (
+        f"Of all robots it is {100 * float(low):.3g} to {100 * float(high):.3g} % (95 % interval)."
+    )

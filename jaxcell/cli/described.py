@@ -233,8 +233,10 @@ def _map(path: Path) -> dict[str, Any]:
 
 
 def _graph(path: Path) -> dict[str, Any]:
+    from ..patrol.rounds.game import about_unguarded
+
     ways = patrol.files.load_ways(path)
-    for omitted in ways.omitted:
+    for omitted in (*ways.omitted, *about_unguarded(ways, 1)):
         warn(f"{path}: {omitted}", Doubt)
     there = {*map(tuple, ways.ends.tolist())}
     one_way = sum((head, tail) not in there for tail, head in there)

@@ -15,7 +15,7 @@ from .help import is_positional, option
 
 # The commands that take a file, by the beginning of its description.
 _TAKEN = {
-    "a graph": ["patrol graph"],
+    "a graph": ["patrol graph", "patrol guard"],
     "currents": ["drift"],
     "trajectories": ["drifters"],
     "a result": ["view", "doctor"],

@@ -278,9 +278,13 @@ def basins_of_each(
     scattered: int = of_map.SCATTERED,
     seed: int = 0,
     labels: tuple[str, ...] = (),
+    timed: bool = True,
     say: Say | None = None,
 ) -> list[Basins]:
-    """Compute [`basins`][jaxcell.dynamics.basins] for each set of parameters in `members`."""
+    """Compute [`basins`][jaxcell.dynamics.basins] for each set of parameters in `members`.
+
+    Without `timed`, they have no mean times to attractors.
+    """
     follow, seed = check_whole("follow", follow), check_whole("seed", seed)
     if by not in ("cells", "orbits"):
         raise ValueError(f"by: expected cells or orbits, got {by!r}")
@@ -291,8 +295,8 @@ def basins_of_each(
     check_map(map, box, members[0])
     torn = torn_axes(map, box, members, labels)
     duration = getattr(map, "duration", None)
-    timed = hasattr(map, "timed") or (isinstance(map, Flow) and map.crossing > 0)
-    each_timed = timed and by == "cells"
+    uneven = hasattr(map, "timed") or (isinstance(map, Flow) and map.crossing > 0)
+    each_timed = uneven and by == "cells"
     time = np.empty((len(members), box.size), np.float32) if each_timed else None
     with_sinks = np.empty((len(members), box.size + 2), np.int32)
     image, with_sinks[:, -2:] = with_sinks[:, :-2], (box.outside, box.nowhere)
@@ -319,8 +323,10 @@ def basins_of_each(
         elif len(members) == 1:
             known["map"] = map
         basins = dataclasses.replace(basins, **known)
-        means = means_over_cells(basins) if by == "orbits" else mean_arrivals(map, basins)
-        each.append(dataclasses.replace(basins, **means))
+        if timed:
+            means = means_over_cells(basins) if by == "orbits" else mean_arrivals(map, basins)
+            basins = dataclasses.replace(basins, **means)
+        each.append(basins)
     return each
 
 

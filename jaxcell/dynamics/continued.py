@@ -1,5 +1,5 @@
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, TypeAlias
 
 import numpy as np
@@ -173,13 +173,11 @@ def continuation(
         params = {"parameter": as_array(params, "params", "; expected values of each parameter")}
         each = [one["parameter"] for one in listed(params)]
     members: list[Basins] = []
-    together = int(np.clip(_CELLS // box.size, 1, _TOGETHER))
 
-    def compute(first: int) -> list[Basins]:
-        batch = each[first : first + together]
+    def compute(batch: list[Any]) -> list[Basins]:
         return basins_of_each(map, box, batch, scattered=_SCATTERED, **options)
 
-    for part in in_threads(compute, range(0, len(each), together)):
+    for part in in_threads(compute, parts(each, box)):
         members += part
         if say is not None:
             say("parameters", len(members), len(each))
@@ -190,6 +188,13 @@ def continuation(
         fraction[k, name] = member.fraction
     varying = {name: np.asarray(value) for name, value in params.items() if np.ndim(value)}
     return Continuation(varying, members, label, fraction)
+
+
+def parts(members: list[Any], box: Box) -> Iterator[list[Any]]:
+    """Divide sets of parameters into lists that have at most a million cells together."""
+    together = int(np.clip(_CELLS // box.size, 1, _TOGETHER))
+    for first in range(0, len(members), together):
+        yield members[first : first + together]
 
 
 def listed(params: Mapping[str, Any]) -> list[dict[str, Any]]:

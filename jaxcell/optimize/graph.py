@@ -14,7 +14,7 @@ from .validation import finite, one_each
 
 
 # Attributes of edges that people give for a length.
-_UNREAD = frozenset({"weight", "distance", "travel_time"})
+UNREAD = frozenset({"weight", "distance", "travel_time", "cost", "time", "duration"})
 
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
@@ -159,7 +159,7 @@ def _of_networkx(
                 )
             return ends, in_metres(places), great_circles(places, ends) if ways is None else ways
         xy = _all_or_none(plane, number, "position x, y or pos, but other vertices have")
-    unread = _UNREAD.intersection(*(values for *_, values in network.edges(data=True)))
+    unread = UNREAD.intersection(*(values for *_, values in network.edges(data=True)))
     if ways is None and unread:
         of_each = "1 m" if xy is None else "the distance of its ends"
         warn(

@@ -25,6 +25,7 @@ from ..base import optional_modules
 if not optional_modules.has_module("tyro"):
     raise optional_modules.missing_module("tyro")
 
+from .bounce.angles import ChooseAngles as ChooseAngles
 from .bounce.anywhere import (
     LocalizeAnywhere as LocalizeAnywhere,
     NavigateAnywhere as NavigateAnywhere,
@@ -63,6 +64,7 @@ from .study import Study as Study, silent as silent
 
 
 STUDIES: tuple[type[Study], ...] = (
+    ChooseAngles,
     Cover,
     Deploy,
     Drift,

@@ -1,5 +1,6 @@
 import dataclasses
 import functools
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
 import tyro
@@ -8,13 +9,17 @@ from .. import dynamics, space
 from ..base import memory
 from ..base.doubts import warn
 from ..base.formatting import did_you_mean
+from ..base.quantities import quantities
+from .batches import Numbers, stacked
 from .loading import load_object
 from .parameters import WholeNumber
-from .study import Say, Study, about, silent
+from .study import Say, Study, Wanted, about, every, scalars, silent
 
 
 # The help of commands does without JAX, which systems need.
 if TYPE_CHECKING:
+    import numpy as np
+
     SystemLike: TypeAlias = str | dynamics.System
 else:
     SystemLike = str | Any
@@ -25,6 +30,10 @@ _KEPT_PER_CELL = 18
 _CHUNK_BYTES = 150e6
 # Largest number of stored cells for which a dataset and a recording are made.
 _MAX_AT_ONCE = 1 << 25
+# Largest number of attractors whose shares may be among the results of a sweep.
+_SHARES = 8
+# The numbers that follow from the images of the cells alone.
+_OF_IMAGES = {"groups", "periodic_cells", "longest_step", "self_images"}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -65,6 +74,7 @@ class Dynamics(SystemStudy):
     command: ClassVar[str] = "dynamics"
     example: ClassVar[str] = "pendulum --params T=0.1:0.9:17"
     task: ClassVar[str] = "dynamics"
+    varied: ClassVar[tuple[str, ...]] = ("params",)
 
     params: tuple[str, ...] = ()
     """Values that replace default parameters of the system, such as T=0.5. With T=0.1:0.9:17, the
@@ -120,8 +130,83 @@ class Dynamics(SystemStudy):
         edges = dynamics.edge_states(system.map, basins, say=say)
         return dataclasses.replace(basins, edges=edges)
 
+    def numbers(self, columns: "Mapping[str, np.ndarray]", wanted: Wanted = every) -> Numbers:
+        """Compute the numbers of a result, and the shares of basins: `fraction_0` is the largest.
+
+        Orbits are followed to attractors only for numbers that need them.
+        """
+        import numpy as np
+
+        from ..dynamics.batches import in_threads
+        from ..dynamics.continued import parts
+
+        self.memory()
+        names = [name.removeprefix("params_") for name in columns]
+        rows = [*zip(*(column.tolist() for column in columns.values()), strict=True)] or [()]
+        known = read_params(self.params, dict(self.chosen.params))
+        if self.folder or self.edges or any(isinstance(one, list) for one in known.values()):
+            own = [[f"{k}={v}" for k, v in zip(names, row, strict=True)] for row in rows]
+            studies = [dataclasses.replace(self, params=(*self.params, *one)) for one in own]
+            found = [scalars(study.run(), (), wanted) for study in studies]
+        else:
+            members = [known | dict(zip(names, row, strict=True)) for row in rows]
+            batches = parts(members, self.chosen.box)
+            each = in_threads(lambda batch: self._numbers(batch, wanted), batches)
+            found = [one for batch in each for one in batch]
+        return stacked(found, np.arange(len(found)))
+
+    def _numbers(self, members: list[dict[str, float]], wanted: Wanted) -> list[Numbers]:
+        """Compute the numbers for each set of parameters."""
+        import numpy as np
+
+        from ..dynamics.basin import basins_of_each
+
+        system, described = self.chosen, quantities(dynamics.Basins)
+        asked = [name for name, about in described.items() if not about.dims and wanted(name)]
+        shares = [k for k in range(_SHARES) if wanted is not every and wanted(f"fraction_{k}")]
+        if self.by == "cells" and not shares and _OF_IMAGES.issuperset(asked):
+            each = _numbers_of_images(system, members, self.follow)
+            return [{name: (described[name], one[name]) for name in asked} for one in each]
+
+        options: dict[str, Any] = {"follow": self.follow, "by": self.by, "seed": self.seed}
+        about = dataclasses.replace(described["fraction"], dims=())
+        found = []
+        for one in basins_of_each(
+            system.map, system.box, members, labels=system.labels, timed=False, **options
+        ):
+            fraction = np.append(one.fraction, np.zeros(_SHARES))
+            found.append(
+                scalars(one, (), wanted) | {f"fraction_{k}": (about, fraction[k]) for k in shares}
+            )
+        return found
+
     def at_once(self, result: "dynamics.Basins | dynamics.Continuation") -> bool:
         return not self.folder or self.chosen.box.size <= _MAX_AT_ONCE
+
+
+def _numbers_of_images(
+    system: "dynamics.System", members: list[dict[str, float]], follow: int
+) -> "list[dict[str, np.ndarray]]":
+    """Compute numbers of [`Basins`][jaxcell.dynamics.Basins] that do not depend on attractors."""
+    import numpy as np
+
+    from ..dynamics.imaging import check_map, images_of_each
+    from ..mapping.peel import groups_on_host
+
+    box, found = system.box, []
+    check_map(system.map, box, members[0])
+    for image in images_of_each(system.map, box, members, follow=follow):
+        groups = groups_on_host(np.append(image, np.array([box.outside, box.nowhere], np.int32)))
+        # The sinks are the last two groups.
+        period, own = groups.group_period[:-2], groups.group < groups.count - 2
+        numbers = {
+            "groups": period.size,
+            "periodic_cells": period.sum(),
+            "longest_step": int(groups.step[own].max(initial=0)),
+            "self_images": np.mean(image == np.arange(box.size)),
+        }
+        found.append({name: np.asarray(value) for name, value in numbers.items()})
+    return found
 
 
 def load_system(reference: SystemLike) -> "dynamics.System":

@@ -13,6 +13,7 @@ from .filter import (
     is_localized as is_localized,
 )
 from .homing import Homing as Homing
+from .proposal import propose_angles as propose_angles
 from .relaxed import (
     RelaxedFilter as RelaxedFilter,
     RelaxedSet as RelaxedSet,

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -80,6 +81,11 @@ class Homing(Shown):
     @functools.cached_property
     def bumps(self) -> Float[np.ndarray, "slices parts"]:
         """The expected number of bumps to the goal from each part of a wall, for each heading."""
+        return self.bumps_by(self.angles)
+
+    @functools.cached_property
+    def _image(self) -> Int[np.ndarray, "driven states"]:
+        """The slice and the part after simulated runs from each slice and part, as one number."""
         boundary, rng = self.filter.boundary, np.random.default_rng(0)
         wall, ends = self.parts
         slice_, part = np.indices((self.slices, wall.size)).reshape(2, -1)
@@ -93,8 +99,12 @@ class Homing(Shown):
             heading = (slice_ + within) * 2 * np.pi / self.slices
             hit, at, _ = run_to_wall(boundary, place, heading)
             image[k] = slice_ * wall.size + self.part_at(hit, at)
-        shifts = self._shifts
-        leaving = np.full((self.slices, wall.size), _NEVER)
+        return image
+
+    def bumps_by(self, angles: Sequence[float]) -> Float[np.ndarray, "slices parts"]:
+        """Compute `bumps` for other angles, in radians."""
+        image, shifts = self._image, self._shifts(angles)
+        leaving = np.full((self.slices, self.parts[0].size), _NEVER)
         for _ in range(int(_NEVER)):
             arriving = np.min([np.roll(leaving, -shift, axis=0) for shift in shifts], axis=0)
             arriving[:, self.arrived_parts] = 0.0
@@ -105,9 +115,8 @@ class Homing(Shown):
             leaving = after
         return leaving
 
-    @property
-    def _shifts(self) -> list[int]:
-        return [round(angle * self.slices / (2 * np.pi)) for angle in self.angles]
+    def _shifts(self, angles: Sequence[float]) -> list[int]:
+        return [round(angle * self.slices / (2 * np.pi)) for angle in angles]
 
     def part_at(
         self, wall: Int[np.ndarray, "places"], arc: Float[np.ndarray, "places"]
@@ -136,7 +145,7 @@ class Homing(Shown):
         weight = state.end - state.begin + 1e-3
         wide = self.filter.chords.slices // self.slices
         expected = np.zeros((len(self.angles), robots))
-        for k, shift in enumerate(self._shifts):
+        for k, shift in enumerate(self._shifts(self.angles)):
             after = (state.slice // wide + shift) % self.slices
             bumps = np.mean(
                 [self.bumps[after, self.part_at(state.wall, arc)] for arc in arcs], axis=0

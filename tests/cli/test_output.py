@@ -92,6 +92,7 @@ def _computed(*_):
 COVER = "--bounce 45 --errors turn=45 --reliability 0.8"
 # A line for each file that a command reads, which is not there.
 MISSING = [
+    "angles none.json --for localize",
     f"cover none.json {COVER}",
     f"cover @lab_a {COVER} --target none.png",
     f"cover @lab_a {COVER} --target none.nc:v",

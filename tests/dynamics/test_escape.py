@@ -275,8 +275,9 @@ def test_leaving_a_basin_is_entering_the_rest():
     assert one.end == ("outside",)
 
 
+@pytest.mark.parametrize("start", [[-0.9], None])
 @pytest.mark.parametrize("kind", ["flow", "map"])
-def test_elasticities_equal_differences(kind):
+def test_elasticities_equal_differences(kind, start):
     map = WELL if kind == "flow" else lambda x, p: WELL.one(x, p)
     noise, box = (
         (0.5, Box([-2], [1], [50], "clamp"))
@@ -290,7 +291,7 @@ def test_elasticities_equal_differences(kind):
             box,
             params,
             noise=factor * noise,
-            start=[-0.9],
+            start=start,
             into=lambda x: x[:, 0] >= 0.013,
             gradient=gradient,
         )
@@ -312,6 +313,22 @@ def test_elasticities_equal_differences(kind):
             slope * value / found.mean_time, rel=1e-4, abs=1e-9
         )
     assert "1 % more noise" in found.answer[-1]
+
+
+@pytest.mark.parametrize("start", [[-1], None])
+def test_elasticities_of_a_very_rare_event(start):
+    found = dynamics.escape(
+        WELL,
+        Box([-2], [0.5], [120], "clamp"),
+        STANDARD,
+        noise=0.05,
+        start=start,
+        into=lambda x: x[:, 0] >= 0,
+        gradient=True,
+    )
+    # The time is pi / sqrt(2) / a * exp(a^2 / (2 b noise^2)), for weak noise.
+    assert found.mean_time > 1e86
+    np.testing.assert_allclose(found.elasticity, [399, -200, 0, -400], rtol=1e-4, atol=1e-9)
 
 
 def test_functions_may_be_of_a_point_alone():

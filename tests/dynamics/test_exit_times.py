@@ -74,6 +74,28 @@ def test_times_and_derivatives_are_those_of_dense_matrices(axes):
     assert found.residual.max() < 1e-7
 
 
+def test_a_region_in_the_last_cell_has_all_beyond_the_clamped_side():
+    cells, noise = 40, 0.3
+    box, width = Box([-2.0], [2.0], [cells], "clamp"), 0.1
+    line = dynamics.System(
+        lambda x, p: p["a"] * ((jnp.floor((x + 2) / width) + 0.5) * width - 2), box, {"a": 0.8}
+    )
+    found = dynamics.exit_times(
+        line, "a", [0.8, 0.9], noise=noise, start=[0.0], into=lambda x: x[:, 0] < -1.95
+    )
+
+    def mean(a):
+        centre = (np.arange(cells) + 0.5) * width - 2
+        step = along(a * centre, noise, cells, "sink")
+        # Half of the first cell is in the region; beyond the other side is the last cell.
+        step[:, 0] /= 2
+        step[:, -1] += norm.sf((2 - a * centre) / noise)
+        time = np.linalg.solve(np.eye(cells) - step, np.ones(cells))
+        return time[cells // 2 - 1 : cells // 2 + 1].mean()
+
+    np.testing.assert_allclose(found.mean_time, [mean(0.8), mean(0.9)], rtol=1e-8)
+
+
 def test_rare_exits_have_six_digits():
     noise, cells = 0.1, 32
     centre = (np.arange(cells) + 0.5) * 4 / cells - 2

@@ -41,6 +41,7 @@ LAB = "@lab_a --collision endpoint"
 GAMES = Path(__file__).parent / "games"
 SEA = "@gyres --bounds -118.1 33.44 -118 33.54 --duration 3400"
 CASES = {
+    "angles": "@lab_a --for localize --count 2 --resolution 90 --robots 3 --bumps 6",
     "cover": "@lab_a --directions 8 --bounce 45 135 --errors turn=45 --reliability 0.8",
     "deploy": "@gyres --depth 0 --drop 2 --until 0.1 --avoid land",
     "drift": f"{SEA} --time 3 --depths 0 5 --start=-118.01,33.5 --goal=-118.09,33.46,5 --range 6e3",

@@ -200,12 +200,29 @@ def test_wrong_parameter_of_a_batch_raises_the_error_of_a_single_run(fixed, mess
 
 def test_parameter_of_a_system_varies_as_a_number():
     fixed = {"system": "henon", "cells": 30, "params": ["b=0.3"]}
-    table = columns_of(Dynamics, {"params_a": np.array([0.2, 1.4])}, fixed, 0)
-    for i, a in enumerate([0.2, 1.4]):
+    batch = {"params_a": np.array([0.2, 1.4, 0.9])}
+    table = columns_of(Dynamics, batch, fixed, 0)
+    of_images = ["groups", "periodic_cells", "longest_step", "self_images"]
+    several = columns_of(Dynamics, batch, fixed, 0, [*of_images, "fraction_0", "fraction_7"])
+    for i, a in enumerate(batch["params_a"].tolist()):
         result = Dynamics("henon", cells=(30,), params=(f"a={a}", "b=0.3")).run()
-        assert table["groups"][i] == result.groups
-        assert table["self_images"][i] == result.self_images
+        assert {name: column[i] for name, column in table.items()} == {
+            name: getattr(result, name) for name in table
+        }
+        assert (several["fraction_0"][i], several["fraction_7"][i]) == (result.fraction[0], 0)
     assert table["groups"][0] != table["groups"][1]
+    # The images of the cells are enough for these numbers.
+    quick = columns_of(Dynamics, batch, fixed, 0, of_images)
+    for name in of_images:
+        assert table[name].tolist() == several[name].tolist() == quick[name].tolist()
+
+
+def test_lists_of_values_of_a_system_are_members_of_their_own():
+    fixed = {"system": "henon", "cells": 12, "params": ["b=0.2:0.3:2"]}
+    table = columns_of(Dynamics, {"params_a": np.array([0.2, 0.4])}, fixed, 0, ["attractors"])
+    for i, a in enumerate([0.2, 0.4]):
+        result = Dynamics("henon", cells=(12,), params=(f"a={a}", "b=0.2:0.3:2")).run()
+        assert table["attractors"][i] == result.attractors
 
 
 def test_only_wanted_numbers_are_computed(monkeypatch):

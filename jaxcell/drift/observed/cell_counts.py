@@ -55,6 +55,10 @@ class CellCounts(Shown):
     "The number of all moves from each cell, also of those into no cell; 1 for shares."
     lag: float | int
     "The duration of each move, in seconds."
+    ended: Float[np.ndarray, "cells"]
+    "The moves from each cell into cells from which no move begins."
+    removed: Float[np.ndarray, "cells"]
+    "The moves from each cell into cells that are left out for their few moves."
     source: str = "counts"
     "The name of the file."
 
@@ -97,12 +101,15 @@ class CellCounts(Shown):
         total = matrix.sum(axis=1) + gone
         if shares and total.max() > 1 + 1e-6:
             raise ValueError(f"expected shares with sums of at most 1, got {total.max():g}")
-        kept = np.flatnonzero(total > 0 if shares else total >= least)
+        few = (total > 0) & (total < (0 if shares else least))
+        kept = np.flatnonzero((total > 0) & ~few)
         if kept.size < 2:
             raise ValueError(f"expected 2 cells or more with {least:g} moves or more")
         total = np.maximum(total, 1) if shares else total
-        rows = matrix[kept][:, kept]
-        return cls(wrapped(x[kept]), y[kept], rows, total[kept], days * _DAY, source)
+        rows, empty = matrix[kept], matrix.sum(axis=1) + gone == 0
+        ended, removed = (rows[:, mask].sum(axis=1) for mask in (empty, few))
+        east, each = wrapped(x[kept]), rows[:, kept]
+        return cls(east, y[kept], each, total[kept], days * _DAY, ended, removed, source)
 
     @property
     def cells(self) -> int:

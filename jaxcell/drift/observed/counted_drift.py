@@ -24,9 +24,12 @@ _TIMES = 10
 # A patch is denser than the release by more than this factor, and has at least this share of the
 # cells: few drifters were seen in smaller ones, which are at beaches.
 _DENSE, _LEAST_PATCH = 3.0, 0.001
+# Smaller shares are not named.
+_SEEN = 1e-6
 # The least density on the map.
 _FAINT = 1e-3
 _of_patch = functools.partial(derived, "patch")
+_share = functools.partial(derived, "", kind="share")
 _DRY = "NaN: no drifter was there"
 _Route = tuple[Int[np.ndarray, "_places"], Float[np.ndarray, "_places"]]
 
@@ -68,6 +71,8 @@ class CountedDrift(Result):
         Float[np.ndarray, "times cells"],
         quantity("time cell", "share of the drifters in the cell, released evenly", kind="share"),
     ]
+    begun: Float[np.ndarray, "cells"]
+    "The mean number of moves of a drifter that begin in each cell, until the last of the times."
     there: _Route | None = None
     "The cells of the most likely route, and the mean hours until they are entered."
     back: _Route | None = None
@@ -98,29 +103,34 @@ class CountedDrift(Result):
         steps = steps_in(_YEARS_10 if after is None else after, counts.lag)
         ends = np.unique(np.linspace(0, steps, _TIMES + 1).round().astype(int))
         matrix, share = counts.chain.to_scipy(), np.full(counts.cells, 1 / counts.cells)
-        push, shares = matrix.T.tocsr(), [share]
+        push, shares, begun = matrix.T.tocsr(), [share], np.zeros(counts.cells)
         for step in range(1, steps + 1):
+            begun += share
             share = push @ share
             if step in ends:
                 shares.append(share)
-        routes: list[Any] = [None, None]
+        there = back = None
         if source is not None and target is not None:
-            routes = [counts.route(source, target), counts.route(target, source)]
+            there, back = counts.route(source, target), counts.route(target, source)
         found = main = None
         if sets is not None:
             _, piece = csgraph.connected_components(matrix, connection="strong")
             main = np.flatnonzero(piece == np.bincount(piece).argmax())
             found = almost_invariant_sets(Chain.from_scipy(matrix[main][:, main]), sets)
         hours = ends * counts.lag / 3600
-        return cls(counts, hours, np.stack(shares), routes[0], routes[1], found, main)
+        return cls(counts, hours, np.stack(shares), begun, there, back, found, main)
 
     @property
     def answer(self) -> tuple[str, ...]:
-        held, left = self.patch_share.sum(), max(0.0, 1 - self.share[-1].sum())
+        held, stuck = self.patch_share.sum(), self.ended + self.stayed
         years = self.hours[-1] / (24 * 365.25)
         time = f"{years:.2g} years" if years >= 2 else in_time(self.hours[-1])
-        rest = f"{percent(left)} is where no drifter was seen to go on, such as on a beach"
-        lines = [f"After {time} there is no patch; {rest}."]
+        rest = (
+            f"Of all, {percent(stuck)} is where no drifter was seen to go on, such as on a beach: "
+            f"{percent(self.ended)} in cells from which no move begins, {percent(self.stayed)} in "
+            f"cells whose moves all stay; {percent(self.lost)} was lost in moves into no cell."
+        )
+        lines = [f"After {time} there is no patch.", rest]
         if held:
             patch = zip(self.patch_share, self.patch_lon, self.patch_lat, strict=True)
             named = [f"{percent(share)} around {name_place(x, y)}" for share, x, y in patch]
@@ -128,8 +138,14 @@ class CountedDrift(Result):
             lines = [
                 f"After {time} {percent(held)} of what was spread evenly over the sea is in "
                 f"{patches}, over {_DENSE:g} times as dense as then: {', '.join(named)}.",
-                f"Of the rest, {rest}.",
+                rest,
             ]
+        if self.removed > _SEEN:
+            lines.insert(
+                0,
+                f"In doubt: {percent(self.removed)} went into cells that --least leaves out, and "
+                "where it is then is not known; patches are smaller by that, or missing.",
+            )
         if self.there is not None and self.back is not None:
             places = [
                 name_place(self.counts.lon[k], self.counts.lat[k]) for k in self.there[0][[0, -1]]
@@ -155,12 +171,37 @@ class CountedDrift(Result):
             return ()
         return (
             f"{few:,} of {self.cells:,} cells have fewer than 100 moves, so their shares are not "
-            "sure; --least leaves cells out.",
+            "sure; --least leaves cells out, and loses what drifts into them.",
         )
 
     @derived("", "moves between cells", kind="count")
     def moves(self) -> int | None:
         return int(self.counts.counts.sum()) if self.counts.counted else None
+
+    ended = _share("drifters that moved into a cell from which no move begins")(
+        lambda found: found._moved(found.counts.ended)
+    )
+    stayed = _share("drifters in cells whose moves all stay, outside patches")(
+        lambda found: float(found.share[-1, found._still].sum())
+    )
+    removed = _share("drifters that moved into a cell that is left out for its few moves")(
+        lambda found: found._moved(found.counts.removed)
+    )
+
+    @_share("drifters that moved into no cell of the file")
+    def lost(self) -> float:
+        left = 1 - float(self.share[-1].sum()) - self.ended - self.removed
+        return left if left > _SEEN**2 else 0.0
+
+    def _moved(self, moves: Float[np.ndarray, "cells"]) -> float:
+        """Compute the share of the drifters that have made one of some moves."""
+        return float(self.begun @ (moves / self.counts.total))
+
+    @property
+    def _still(self) -> Int[np.ndarray, "some"]:
+        """The cells outside patches whose moves all stay."""
+        still = np.flatnonzero(self.counts.counts.diagonal() == self.counts.total)
+        return np.setdiff1d(still, np.concatenate([[-1], *self._patches]))
 
     cells = from_part("counts.cells", "", "cells", kind="count")
     step = from_part("counts.lag", "", "duration of a move", "s")

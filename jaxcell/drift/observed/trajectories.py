@@ -97,12 +97,24 @@ class Trajectories(Shown):
         An observation is impossible if the drifter would have to move faster than `max_speed` (m/s;
         by default 10) between it and the longest possible part of the track, beyond an error of
         1 km of its position, or if it rests at exactly 0 N 0 E, as the fixes of a receiver without
-        satellites do. A warning of the class `jaxcell.base.doubts.Doubt` says how many there are.
+        satellites do. A longitude beyond 360 or a latitude beyond 90 is invalid, such as a missing
+        value of 999. Warnings of the class `jaxcell.base.doubts.Doubt` say how many there are, and
+        how many times go back.
 
         **Arguments:** as the fields of this class; the numbers in `drifter` may be in any order,
         with gaps.
         """
-        known = np.flatnonzero(np.isfinite(lon) & np.isfinite(time) & (np.abs(lat) <= 90))
+        given = np.isfinite(lon) & np.isfinite(lat) & np.isfinite(time)
+        wrong = given & ((np.abs(lon) > 360) | (np.abs(lat) > 90))
+        if wrong.any():
+            places = f"{wrong.sum():,} of {wrong.size:,} observations are left out: longitudes"
+            warn(f"{source}: {places} beyond 360 or latitudes beyond 90 are no positions", Doubt)
+        known = np.flatnonzero(given & ~wrong)
+        by_drifter = known[np.argsort(drifter[known], kind="stable")]
+        back = (np.diff(time[by_drifter]) < 0) & (np.diff(drifter[by_drifter]) == 0)
+        if back.any():
+            late = f"{back.sum():,} of {wrong.size:,} observations are earlier than the one before"
+            warn(f"{source}: {late} of their drifter, and are sorted by time", Doubt)
         order = known[np.lexsort((time[known], drifter[known]))]
         lon, lat, time, drifter = (column[order] for column in (lon, lat, time, drifter))
         new = np.append(True, (np.diff(time) > 0) | (np.diff(drifter) != 0))[: time.size]

@@ -3,7 +3,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 from scipy.sparse import csr_array, diags_array
@@ -12,19 +11,19 @@ from ...base.certificate import Certificate
 from ...base.quantities import derived, quantity
 from ...mapping import Chain
 from ...mapping.classes import reaching
-from ...markov import hitting_times, most_probable_path
+from ...markov import most_probable_path
 from ...markov.hitting import TOLERANCE
 from ...markov.transient import Transient
 from ...space.box import Box
 from ..imaging import OnBox, axis_names, torn_axes
 from ..maps import Flow, Map, with_params
 from ..system import System
-from .chains import is_law, matrix, traced_rows
-from .deviations import listed
+from .chains import is_law, matrix
 from .diffusion import diffusion_to, regions_of
 from .ends import Ends, Region, within
 from .extrapolation import with_errors
 from .law import Law, visits_of
+from .sensitivity import Sensitivity
 from .words import answer_of
 
 
@@ -140,8 +139,11 @@ class _Stopped:
     duration: float
     continuous: bool
 
-    def solve(self, start: Sequence[float] | None) -> dict[str, Any]:
-        """Compute the fields of [`Escape`][] without errors, and the laws."""
+    def solve(self, start: Sequence[float] | None, about: Any = None) -> dict[str, Any]:
+        """Compute the fields of [`Escape`][] without errors, and the laws.
+
+        With `about`, a map and its parameters, noise and options, also derivatives.
+        """
         ends, size = self.ends, self.ends.box.size
         stops = np.arange(ends.cells) >= size
         alive = ~stops
@@ -159,14 +161,14 @@ class _Stopped:
         values[:-1, size:] = np.eye(len(ends.names))
         values[:, alive] = solved.value.T
         longest = float(steps.max())
-        about = visits_of(part, longest, self.continuous), longest, self.continuous
+        each = visits_of(part, longest, self.continuous), longest, self.continuous
         if start is None:
             weight = np.zeros(ends.cells)
             begin = np.full(part.cells.size, 1 / part.cells.size)
-            weight[alive] = Law.of(begin, *about)[0].quasi
+            weight[alive] = Law.of(begin, *each)[0].quasi
         else:
             weight = ends.weights(start, odd=self.continuous)
-        law, rough = Law.of(weight[alive], *about)
+        law, rough = Law.of(weight[alive], *each)
         # In units of the longest time, because squares may be too large for 64 bits.
         second = 2 * weight[alive] @ part.expect(steps[:, None] / longest).value[:, 0] / longest
         mean = float(weight @ values[-1])
@@ -184,7 +186,19 @@ class _Stopped:
                 "probability": (values[:-1] @ weight).clip(0, 1),
             }
 
-        return {
+        derived = {}
+        if about is not None:
+            sensitivity = Sensitivity.of(
+                ends,
+                self.matrix,
+                part,
+                weight[alive],
+                steps,
+                settled=start is None,
+                continuous=self.continuous,
+            )
+            derived["slope"] = sensitivity.slopes(*about)
+        return derived | {
             "numbers": numbers(law),
             "rough": numbers(rough),
             "time": self.duration * values[-1, :size],
@@ -293,11 +307,8 @@ def escape(
     if discrete:
         chains.append(_chain_of(*about, ends, second=True))
     whole, *_ = chains
-    solved, *others = (one.solve(start) for one in chains)
+    solved, *others = (one.solve(start, about if gradient else None) for one in chains)
     Certificate(0, solved["residual"], TOLERANCE).check("escape", True)
-    if gradient:
-        for each, one in zip(levels, (solved, *others), strict=True):
-            one["slope"] = _slopes(*about, each, one["weight"], one["numbers"]["mean_time"])
     widths = [float((box.size / each.box.size) ** (1 / box.dimensions)) for each in levels]
     values = with_errors([solved, *others], widths)
     fields = {name: solved[name] for name in ("time", "committor", "quasi_stationary", "residual")}
@@ -372,18 +383,6 @@ def _named(ends: tuple[str, ...], names: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(sides.get(name, name) for name in ends)
 
 
-@dataclasses.dataclass(frozen=True)
-class _OfBoth:
-    """A function of a point and of pairs of parameters and a factor of the noise."""
-
-    function: Callable[..., Any]
-    noisy: bool
-
-    def __call__(self, x: Any, both: Any) -> Any:
-        value = jnp.asarray(self.function(x, both[0]))
-        return both[1] * value if self.noisy else value
-
-
 def _scalars(params: Any) -> dict[str, float]:
     """Return the parameters that are single numbers, by their names."""
     known = {} if params is None else params
@@ -392,44 +391,3 @@ def _scalars(params: Any) -> dict[str, float]:
         for path, value in jax.tree_util.tree_leaves_with_path(known)
         if np.ndim(value) == 0
     }
-
-
-def _slopes(
-    map: Any,
-    params: Any,
-    noise: Any,
-    options: Any,
-    ends: Ends,
-    weight: np.ndarray,
-    time: float,
-) -> Float[np.ndarray, "causes"]:
-    """Differentiate the logarithm of the mean time by each parameter and a factor of the noise."""
-    size, stops = ends.box.size, np.arange(ends.cells) >= ends.box.size
-    own = _OfBoth(map.field if isinstance(map, Flow) else map, False)
-    function = _OfBoth(with_params(noise, 2, "noise"), True) if callable(noise) else None
-
-    def mean_time(both: Any) -> Any:
-        noisy: Any = function
-        if function is None:
-            noisy = tuple(both[1] * one for one in listed(noise, ends.box.dimensions))
-        duration: Any = 1.0
-        if isinstance(map, Flow):
-            one = diffusion_to(own, ends, both, noisy)
-            stopped, duration = one.chain, one.duration
-        else:
-            rows = traced_rows(own, ends.box, both, noise=noisy, onto=ends.around, **options)
-            share = ends.share
-            rest = (rows * (1 - share.sum(axis=0))[None]).T
-            within = jax.ops.segment_sum(rest, ends.nearest, num_segments=size).T
-            leaving = jnp.maximum(1 - rows.sum(axis=1, keepdims=True), 0.0)
-            out = [leaving] * (len(ends.names) - len(share))
-            upper = jnp.hstack([within, rows @ share.T, *out])
-            lower = np.eye(ends.cells)[size:]
-            stopped = Chain.from_scipy(jnp.vstack([upper, lower]))
-        steps = hitting_times(stopped, stops, throw=False).value
-        return duration * (steps @ weight)
-
-    known = {} if params is None else params
-    slope, by_noise = jax.grad(mean_time)((jax.tree.map(jnp.asarray, known), jnp.asarray(1.0)))
-    each = [float(one) for one in jax.tree.leaves(slope) if np.ndim(one) == 0]
-    return np.array([*each, float(by_noise)]) / time

@@ -120,8 +120,6 @@ class Family:
     name: str
     noise: Float[np.ndarray, "axes"]
     points: Float[np.ndarray, "cells samples axes"]
-    rest: Float[np.ndarray, "cells"]
-    "The share of each cell in which the system goes on."
     weight: Float[np.ndarray, "cells"]
     "The weights of the cells around the start."
     width: float
@@ -148,13 +146,12 @@ class Family:
             raise ValueError(f"noise: expected {box.dimensions} numbers above 0, got {noise}")
         memory.check(32 * box.size**2, f"exit times of {box.size} cells", "use fewer cells")
         points = sampled(box, np.arange(box.size, dtype=np.int32))
-        rest = 1 - ends.shares().sum(axis=0)
         near = ends.weights([float(one) for one in start], odd=False)[: box.size]
-        weight = np.where(rest > 0, near, 0.0)
+        weight = np.where(ends.open, near, 0.0)
         speed = _speed(map, params, name, points) / each
         width = _MOVES / (float(np.sqrt((speed**2).mean())) or 1.0)
         width = 2.0 ** np.floor(np.log2(width))
-        return cls(map, ends, params, name, each, points, rest, weight, width)
+        return cls(map, ends, params, name, each, points, weight, width)
 
     @one_blas_thread()
     def at(self, value: float) -> tuple[float, float, float] | None:
@@ -179,7 +176,7 @@ class Family:
         share, slope = _interpolation(at, value)
         # Of times and visits: values, and derivatives by the parameter.
         each = np.stack(solved, axis=-1)
-        both = np.exp(each @ share) * (self.rest > 0)
+        both = np.exp(each @ share) * self.ends.open
         moves = both * (each @ slope)
         (mean, by, residual), left, astray = self._checked(value, *both)
         # The mean time with the first correction, and its derivative along the interpolation.
@@ -194,14 +191,16 @@ class Family:
     def _windows(self, value: float) -> Windows:
         params = {name: jnp.asarray(one, float) for name, one in self.params.items()}
         params[self.name] = jnp.asarray(value, float)
-        return Windows.of(self.map, self.ends.box, params, self.noise, self.points)
+        rest = 1 - self.ends.share.sum(axis=0)
+        about = self.noise, self.points, rest, self.ends.nearest
+        return Windows.of(self.map, self.ends.around, params, *about)
 
     def _checked(self, value: float, time: Any, visits: Any) -> tuple[Any, Any, Any]:
         """Compute the mean time, derivative and residual, and the residual of each cell."""
         windows = self._windows(value)
         slope = {name: jnp.asarray(float(name == self.name)) for name in windows.params}
-        change, by, after = map(np.asarray, changes(windows, slope, self.rest, time, visits))
-        alive = self.rest > 0
+        change, by, after = map(np.asarray, changes(windows, slope, time, visits))
+        alive = self.ends.open
         left = np.where(alive, 1 + change, 0.0)
         astray = np.where(alive, self.weight + after - visits, 0.0)
         mean = float(self.weight @ time + visits @ left)
@@ -210,17 +209,17 @@ class Family:
         return (mean, float(visits @ by), residual), left, astray
 
     def _solved(self, value: float) -> Any:
-        alive = np.flatnonzero(self.rest > 0)
-        inside = np.asarray(matrix(self._windows(value))) * self.rest
+        alive = np.flatnonzero(self.ends.open)
+        inside = np.asarray(matrix(self._windows(value)))
         system = np.eye(alive.size) - inside[np.ix_(alive, alive)]
         factor = scipy.linalg.lu_factor(system, overwrite_a=True, check_finite=False)
 
         def solve(right: Any, adjoint: int) -> np.ndarray:
-            x = np.zeros(self.rest.size)
+            x = np.zeros(self.ends.box.size)
             x[alive] = scipy.linalg.lu_solve(factor, right[alive], adjoint, check_finite=False)
             return x
 
-        time, visits = solve(np.ones_like(self.rest), 0), solve(self.weight, 1)
+        time, visits = solve(np.ones(self.ends.box.size), 0), solve(self.weight, 1)
         _, left, astray = self._checked(value, time, visits)
         time, visits = time + solve(left, 0), visits + solve(astray, 1)
         residual = self._checked(value, time, visits)[0][2]
@@ -228,13 +227,13 @@ class Family:
             return None
         if not (residual <= _MIDDLE / 10 and (time[alive] > 0).all()):
             # Other factorisations lose digits of long times.
-            part = Transient.of(csr_array(inside), self.rest > 0)
+            part = Transient.of(csr_array(inside), self.ends.open)
             time[alive] = part.expect(np.empty((alive.size, 0))).value[:, 0]
             visits[alive] = part.visited(self.weight[alive, None])[0][:, 0]
         if not (np.isfinite(time[alive]).all() and (time[alive] > 0).all()):
             return None
         visits = np.maximum(visits, _LEAST * visits.max())
-        return np.log(np.stack([np.where(self.rest > 0, time, 1.0), visits]))
+        return np.log(np.stack([np.where(self.ends.open, time, 1.0), visits]))
 
 
 def _speed(map: Map, params: dict[str, Any], name: str, points: Any) -> np.ndarray:

@@ -114,14 +114,19 @@ class Law:
 
 
 def visits_of(
-    part: Transient, longest: float, continuous: bool
+    part: Transient, longest: float, continuous: bool, *, ahead: bool = False
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """Return the function that computes expected visits from a start, which may be negative."""
+    """Return the function that computes expected visits from a start, which may be negative.
+
+    With `ahead`, it is the adjoint: the function that sums a gain over the visits from each cell.
+    """
     size = part.cells.size
     if size <= _DENSE:
         matrix = part.visited(np.eye(size))[0]
-        return lambda start: np.asarray(matrix @ start)
+        return lambda start: np.asarray(start @ matrix if ahead else matrix @ start)
     if longest < _LONG and (continuous or size <= _FACTORED):
         solve = factored(part.step)
-        return lambda start: solve(start[:, None], True)[:, 0]
+        return lambda start: solve(start[:, None], not ahead)[:, 0]
+    if ahead:
+        return lambda gain: solve_signed(lambda each: part.expect(each).value[:, :-1], gain)
     return lambda start: solve_signed(lambda columns: part.visited(columns)[0], start)

@@ -28,7 +28,10 @@ _LEAST = 1e-12
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class Windows:
-    """A chain of a noisy map, whose rows are windows of as many cells along each axis."""
+    """A chain of a noisy map that stops in regions: each row is a window of cells of a box.
+
+    The box has one more cell beyond each clamped side, as `Ends.around`.
+    """
 
     map: Map = dataclasses.field(metadata={"static": True})
     box: Box = dataclasses.field(metadata={"static": True})
@@ -36,21 +39,27 @@ class Windows:
     params: Any
     noise: Any
     points: Any
+    rest: Any
+    "The share of each cell of the box in which the chain goes on."
+    nearest: Any
+    "The row of each cell of the box."
 
     @classmethod
-    def of(cls, map: Map, box: Box, params: Any, noise: Any, points: Any) -> "Windows":
+    def of(
+        cls, map: Map, box: Box, params: Any, noise: Any, points: Any, rest: Any, nearest: Any
+    ) -> "Windows":
         """Find the number of cells that the longest window needs along each axis."""
         reach = np.asarray(_reach(map, box, params, points)) + 2 * _CUT * noise / box.width
         each = np.ceil((reach + 2) / _STEP) * _STEP
         # Windows along a periodic axis may be longer than it.
         most = np.where(np.array(box.axes) == "periodic", np.inf, box.cells)
         wide = tuple(np.minimum(each, most).astype(int).tolist())
-        return cls(map, box, wide, params, noise, points)
+        return cls(map, box, wide, params, noise, points, rest, nearest)
 
     @property
     def batch(self) -> int:
         """The number of rows that are computed at once."""
-        return min(max(1, _PART // math.prod(self.wide)), self.box.size)
+        return min(max(1, _PART // math.prod(self.wide)), len(self.points))
 
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
@@ -103,12 +112,13 @@ def _between(face: Float[Array, "points faces"]) -> Float[Array, "points cells"]
 
 
 @jax.jit
-def matrix(windows: Windows) -> Float[Array, "cells cells"]:
-    """Compute the transition matrix."""
+def matrix(windows: Windows) -> Float[Array, "rows rows"]:
+    """Compute the transition matrix between the cells in which the chain goes on."""
 
     def row(points: Any) -> Any:
         value, _, cells = _row(windows, windows.params, points)
-        return jnp.zeros(windows.box.cells).at[jnp.ix_(*cells)].add(value).ravel()
+        whole = jnp.zeros(windows.box.cells).at[jnp.ix_(*cells)].add(value).ravel()
+        return _folded(windows, whole)
 
     return jax.lax.map(row, windows.points, batch_size=windows.batch)
 
@@ -117,20 +127,18 @@ def matrix(windows: Windows) -> Float[Array, "cells cells"]:
 def changes(
     windows: Windows,
     slope: Any,
-    rest: Float[Array | np.ndarray, "cells"],
-    time: Float[Array | np.ndarray, "cells"],
-    visits: Float[Array | np.ndarray, "cells"],
-) -> tuple[Float[Array, "cells"], Float[Array, "cells"], Float[Array, "cells"]]:
-    """Apply a chain that stops in some cells to times, and its adjoint to visits.
+    time: Float[Array | np.ndarray, "rows"],
+    visits: Float[Array | np.ndarray, "rows"],
+) -> tuple[Float[Array, "rows"], Float[Array, "rows"], Float[Array, "rows"]]:
+    """Apply a chain to times, and its adjoint to visits.
 
-    **Arguments:** the chain; `slope`, the direction in which its parameters change; `rest`, the
-    share of each cell in which the chain does not stop; mean times and visits. **Returns:** the
-    expected change of the time in a step from each cell, its derivative along `slope`, and the
-    visits after a step. Probabilities of a row sum to 1, so that the change is a sum of
-    differences, with all its digits where times are nearly equal.
+    **Arguments:** the chain; `slope`, the direction in which its parameters change; mean times and
+    visits. **Returns:** the expected change of the time in a step from each cell, its derivative
+    along `slope`, and the visits after a step. Probabilities of a row sum to 1, so that the change
+    is a sum of differences, with all its digits where times are nearly equal.
     """
-    box, count = windows.box, windows.batch
-    later = (rest * time).reshape(box.cells)
+    box, count, size = windows.box, windows.batch, len(windows.points)
+    later = (windows.rest * jnp.asarray(time)[windows.nearest]).reshape(box.cells)
 
     def one(points: Any, now: Any, visits: Any) -> Any:
         def moved(params: Any) -> Any:
@@ -149,15 +157,20 @@ def changes(
         ]
         return after.at[tuple(index)].add(value), (change, by)
 
-    filled = -(-box.size // count) * count
+    filled = -(-size // count) * count
     rows = jax.tree.map(
-        lambda each: jnp.concatenate([each, each[: filled - box.size]]).reshape(
+        lambda each: jnp.concatenate([each, each[: filled - size]]).reshape(
             -1, count, *each.shape[1:]
         ),
         (windows.points, time, visits),
     )
-    known = (jnp.arange(filled) < box.size).reshape(-1, count)
+    known = (jnp.arange(filled) < size).reshape(-1, count)
     rows = rows[0], rows[1], jnp.where(known, rows[2], 0.0)
     after, found = jax.lax.scan(part, jnp.zeros(box.cells), rows)
-    change, by = (each.ravel()[: box.size] for each in found)
-    return change, by, jnp.asarray(rest) * after.ravel()
+    change, by = (each.ravel()[:size] for each in found)
+    return change, by, _folded(windows, after.ravel())
+
+
+def _folded(windows: Windows, each: Any) -> Any:
+    """Add the probabilities of the cells of the box in which the chain goes on to its rows."""
+    return jnp.zeros(len(windows.points)).at[windows.nearest].add(windows.rest * each)

@@ -3,8 +3,7 @@
 Vertices of a `Graph` are numbered from 0, distances are in metres. `load_graph` reads JSON and the
 formats of networkx and of patrolling_sim, `save_graph` writes JSON, GraphML and edge lists.
 `load_ways` reads the same files, also with directed and parallel edges and loops, as `Ways`.
-`has_weights` checks whether a file has weights of edges, which `load_graph` ignores. `load_values`
-reads one number per vertex, and `load_stakes` the stakes of a game.
+`load_values` reads one number per vertex, and `load_stakes` the stakes of a game.
 """
 
 from ...base.hosted import attach

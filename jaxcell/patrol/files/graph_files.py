@@ -47,7 +47,7 @@ from ...base.doubts import Doubt, warn
 from ...optimize import Graph
 from ...optimize.geographic import degrees, great_circles, in_metres
 from ...optimize.graph import numbered
-from .graph_formats import Edge, Vertex, about_file, of_networkx, parsed
+from .graph_formats import Edge, Vertex, about_file, doubt_attributes, of_networkx, parsed
 
 
 # Edges that are all shorter, in metres, are rather differences of degrees.
@@ -106,7 +106,8 @@ def load_graph(
     path = Path(with_path(os.fspath(path)))
     vertices, edges, directed = parsed(path, weight)
     with about_file(path):
-        _, _, _, lengths = parts = _checked_parts(vertices, edges)
+        _, _, places, lengths = parts = _checked_parts(vertices, edges)
+        doubt_attributes(str(path), edges, places is not None, bool(directed))
         ways = _simple_ways(*parts, directed)
         for omitted in ways.omitted:
             warn(f"{path}: {omitted}", Doubt)
@@ -156,12 +157,14 @@ def load_ways(
         lengths = np.tile(path.lengths, 2) if measured else None
         return Ways(tuple(map(str, range(path.vertices))), both, lengths, path.xy, ())
     if hasattr(path, "is_multigraph"):
-        vertices, edges, one_way = of_networkx(path, weight or "length")
-        return _simple_ways(*_checked_parts(vertices, edges), one_way)
-    path = Path(with_path(os.fspath(path)))
-    vertices, edges, one_way = parsed(path, weight)
-    with about_file(path):
-        return _simple_ways(*_checked_parts(vertices, edges), one_way or "directed" * directed)
+        name, (vertices, edges, one_way) = "graph", of_networkx(path, weight or "length")
+    else:
+        name = with_path(os.fspath(path))
+        vertices, edges, one_way = parsed(Path(name), weight)
+    with about_file(Path(name)):
+        parts = _checked_parts(vertices, edges)
+        doubt_attributes(name, edges, parts[2] is not None, directed or bool(one_way))
+        return _simple_ways(*parts, one_way or "directed" * directed)
 
 
 def _check_metres(xy: Float[np.ndarray, "vertices 2"], lengths: Float[np.ndarray, "_"]) -> None:
@@ -179,7 +182,7 @@ def checked_graph(vertices: list[Vertex], edges: list[Edge]) -> tuple[Graph, tup
     """Check the vertices and edges of a file, and return the graph with the names of vertices."""
     numbers, pairs, places, lengths = _checked_parts(vertices, edges)
     before: dict[tuple[int, int], str] = {}
-    for field, *ends, _ in edges:
+    for field, *ends in (edge[:3] for edge in edges):
         tail, head = sorted(numbers[str(name)] for name in ends)
         joined = " and ".join(map(reprlib.repr, ends))
         if tail == head:
@@ -260,7 +263,7 @@ def _checked_parts(
         raise ValueError(f"expected at least 2 vertices, got {len(numbers)}")
     if not edges:
         raise ValueError("it has no edges")
-    for field, *ends, _ in edges:
+    for field, *ends in (edge[:3] for edge in edges):
         for name in ends:
             if str(name) not in numbers:
                 raise ValueError(f"{field}: there is no vertex {reprlib.repr(name)}")

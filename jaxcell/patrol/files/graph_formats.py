@@ -2,8 +2,6 @@
 
 import contextlib
 import functools
-import os
-import re
 import reprlib
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -24,6 +22,7 @@ from ...base.documents import (
 )
 from ...base.doubts import Doubt, warn
 from ...optimize.geographic import positioned
+from ...optimize.graph import UNREAD
 
 
 LIST_SUFFIXES = (".edges", ".txt")
@@ -32,7 +31,10 @@ SUFFIXES = (
     "list)"
 )
 _NETWORKX = (".graphml", ".gml", ".adjlist")
-_WEIGHT = re.compile(r"""["\s]weight["\s]""")
+# Members of an edge in JSON that are no attributes.
+_ENDS = {"source", "target", "id", "key"}
+# Values of the attribute `oneway` of a street that leads one way.
+_ONE_WAY = ("true", "yes", "1", "-1")
 # Errors of networkx for damaged files, besides its own.
 _FAULTS = (LookupError, TypeError, ValueError, AttributeError, RecursionError, ParseError)
 _MAX_BYTES = 64 * 1024**2
@@ -53,6 +55,7 @@ class Edge(NamedTuple):
     tail: object
     head: object
     length: object = None
+    attributes: Mapping[str, Any] = {}
 
 
 Parts: TypeAlias = tuple[list[Vertex], list[Edge], str]
@@ -88,8 +91,26 @@ def parsed(path: Path, weight: str | None = None) -> Parts:
             raise ValueError(f"unknown format {suffix!r}; expected {SUFFIXES}")
         parts = parsers[suffix](_text(path))
         if weight is not None and all(edge.length is None for edge in parts[1]):
-            raise ValueError(f"`weight`: no edge has {weight!r}")
+            known = sorted({str(name) for edge in parts[1] for name in edge.attributes})
+            attributes = ", ".join(known) or "no attributes"
+            raise ValueError(f"`weight`: no edge has {weight!r}; they have {attributes}")
         return parts
+
+
+def doubt_attributes(name: str, edges: list[Edge], placed: bool, directed: bool) -> None:
+    """Doubt attributes of edges that are not read: other lengths, and `oneway` if undirected."""
+    every = [edge.attributes for edge in edges]
+    unread = UNREAD.intersection(*every) if every else ()
+    if unread and all(edge.length is None for edge in edges):
+        length = "the distance of its ends" if placed else "unknown, and it takes one step"
+        no_length = f"edges have no `length`, so that of each is {length}"
+        use = " or ".join(f'`weight="{other}"`' for other in sorted(unread))
+        warn(f"{name}: {no_length}; to read another attribute as length, set {use}", Doubt)
+    count = sum(str(about.get("oneway")).lower() in _ONE_WAY for about in every)
+    if count and not directed:
+        marked = f"{count:,} of {len(every):,} edges of an undirected graph are marked oneway"
+        way_on = "if all are one-way, set `directed`; otherwise save a directed graph"
+        warn(f"{name}: {marked}, but lead both ways; {way_on}", Doubt)
 
 
 def _parse_routes(weight: str, text: str) -> Parts:
@@ -103,7 +124,7 @@ def _parse_routes(weight: str, text: str) -> Parts:
         field, about = f"features[{i}]", _part(feature, "properties")
         if "startid" in about.values:
             ends = str(about.needed("startid")), str(about.needed("endid"))
-            edges.append(Edge(field, *ends, about.get(weight)))
+            edges.append(Edge(field, *ends, about.get(weight), about.values))
         else:
             place = _part(feature, "geometry").needed("coordinates")
             at = place[:2] if isinstance(place, list) else place
@@ -153,7 +174,13 @@ def _parse_json(weight: str, text: str) -> Parts:
             for i, node in enumerate(fields.parts("nodes"))
         ],
         [
-            Edge(f"{key}[{i}]", edge.needed("source"), edge.needed("target"), edge.get(weight))
+            Edge(
+                f"{key}[{i}]",
+                edge.needed("source"),
+                edge.needed("target"),
+                edge.get(weight),
+                {name: edge.values[name] for name in edge.values.keys() - _ENDS},
+            )
             for i, edge in enumerate(fields.parts(key))
         ],
         "directed" if document.get("directed") else "",
@@ -203,8 +230,10 @@ def of_networkx(graph: Any, weight: str = "length") -> Parts:
             for name, members in graph.nodes(data=True)
         ],
         [
-            Edge(f"edge {tail!r} to {head!r}", str(tail), str(head), plain(length))
-            for tail, head, length in graph.edges(data=weight)
+            Edge(
+                f"edge {tail!r} to {head!r}", str(tail), str(head), plain(known.get(weight)), known
+            )
+            for tail, head, known in graph.edges(data=True)
         ],
         "directed" if graph.is_directed() else "",
     )
@@ -264,24 +293,6 @@ def _parse_simulator(text: str) -> Parts:
     if at < len(words):
         raise ValueError(f"word {at + 1}: {words[at]!r} comes after the last of {total} vertices")
     return vertices, edges, ""
-
-
-def has_weights(path: str | os.PathLike[str] | Any) -> bool:
-    """Check whether the edges of a graph file have weights, which [`load_graph`][] does not read.
-
-    The result is `False` for formats without weights, and for a graph that is not a file.
-
-    The graph of section 4.5.2 of Alam 2018 has no weights:
-
-        >>> from jaxcell import bundled, patrol
-        >>> patrol.files.has_weights(bundled("graphs/eight.json"))
-        False
-    """
-    if not isinstance(path, str | os.PathLike):
-        return False
-    return Path(path).suffix.lower() not in (*LIST_SUFFIXES, ".adjlist", ".graph") and bool(
-        _WEIGHT.search(_text(Path(path)))
-    )
 
 
 def _parse_list(weight: str | None, text: str) -> Parts:

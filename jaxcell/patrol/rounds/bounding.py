@@ -5,8 +5,9 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse.csgraph
 
+from .blind import least_risk
 from .game import Game
-from .joint import least_risk, safe_routes, watched_risk
+from .joint import safe_routes, watched_risk
 from .mixing import mix
 from .subsets import MOST_ROBOTS, MOST_SUBSETS, closed_tours, membership, of_several, open_walks
 

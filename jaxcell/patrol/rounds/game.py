@@ -22,6 +22,7 @@ from ..files.graph_formats import about_file
 Adversary: TypeAlias = Literal["blind", "watcher"]
 # Largest number of vertices that a sentence lists.
 _NAMED = 6
+_NO_TARGETS = "vertices are no targets, because no way"
 _CHOICES = {"unit": ("s", "steps"), "adversary": ("blind", "watcher")}
 # The fields of a game, and of its parts.
 _KNOWN = {
@@ -109,12 +110,7 @@ class Game(Pictured):
         if not len(targets):
             kept = _joined(ways, robots)
             chosen, attack, worth = chosen[kept], attack[kept], worth[kept]
-            if (left := np.flatnonzero(~kept)).size:
-                listed = ", ".join(ways.names[v] for v in left[:_NAMED].tolist())
-                omitted += (
-                    f"{left.size:,} of {vertices:,} vertices are no targets, because no way leads "
-                    f"there and back: {listed}" + ", ..." * (left.size > _NAMED),
-                )
+            omitted += about_unguarded(ways, robots)
         return cls(
             names=ways.names,
             ends=ways.ends,
@@ -128,6 +124,11 @@ class Game(Pictured):
             xy=ways.xy,
             omitted=omitted,
         )
+
+    @property
+    def unguarded(self) -> bool:
+        """`True` if vertices are no targets because no way leads there and back."""
+        return any(_NO_TARGETS in each for each in self.omitted)
 
     def __post_init__(self) -> None:
         check_count("robots", self.robots)
@@ -196,6 +197,15 @@ def _joined(ways: Ways, robots: int) -> Bool[np.ndarray, "vertices"]:
     matrix = scipy.sparse.csr_array((np.ones(len(ways.ends)), tuple(ways.ends.T)), shape=shape)
     count, part = scipy.sparse.csgraph.connected_components(matrix, connection="strong")
     return part == np.bincount(part).argmax() if count > robots else np.full(part.size, True)
+
+
+def about_unguarded(ways: Ways, robots: int) -> tuple[str, ...]:
+    """Say which vertices are no targets by default, if any."""
+    left = np.flatnonzero(~_joined(ways, robots))
+    listed = ", ".join(ways.names[v] for v in left[:_NAMED].tolist())
+    what = f"{left.size:,} of {len(ways.names):,} {_NO_TARGETS} leads there and back: {listed}"
+    more = ", ..." * (left.size > _NAMED)
+    return (f"{what}{more}; to choose, set `targets`",) * bool(left.size)
 
 
 def _each(name: str, given: Any, count: int) -> Float[np.ndarray, "targets"]:

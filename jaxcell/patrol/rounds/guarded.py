@@ -168,13 +168,14 @@ class Guarded(Result):
             missed = np.flatnonzero(np.isinf(self.evaluation.longest))
             names = game.names_of_targets[missed[0]]
             return f"No guard ever visits `{names}`{_others(missed.size - 1)}."
+        no = "At the targets that can be guarded, no" if game.unguarded else "No"
         if not longest:
-            return "No intruder escapes, whatever they see: a guard stays at each target."
+            return f"{no} intruder escapes, whatever they see: a guard stays at each target."
         if self.safe and np.ptp(game.attack):
-            return "No intruder escapes: each target is visited before an attack on it is over."
-        needed = f"No intruder who needs {self._time(longest, up=True)} escapes"
+            return f"{no} intruder escapes: each target is visited before an attack on it is over."
+        needed = f"{no} intruder who needs {self._time(longest, up=True)} escapes"
         if self.safe:
-            needed = f"No intruder who needs {self._time(game.attack[0])} escapes"
+            needed = f"{no} intruder who needs {self._time(game.attack[0])} escapes"
         return (
             f"{needed}, whatever they see: every target is visited at least every "
             f"{self._time(longest, up=True)}."
@@ -254,7 +255,7 @@ class Guarded(Result):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        return (*self.game.omitted, *self.left_out)
+        return self.left_out
 
     def _time(self, value: float, up: bool = False) -> str:
         """Format a time with three digits or, from 100 on, one decimal; rounded up if asked."""

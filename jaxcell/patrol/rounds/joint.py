@@ -24,8 +24,6 @@ from .route import Route
 
 # Largest number of states in a search for safe schedules, which is divided by a factor per robot.
 _STATES, _ROBOT = 300_000, 4
-# Largest number of moves between states in a linear program for the least risk.
-_MOVES = 12_000
 # Largest numbers of walks of all robots, and of moments that an adversary sees, and of bisections.
 _WALKS, _SEEN, _HALVED = 1000, 8, 10
 # Largest denominator of times relative to the first one, and largest number of units in a time.
@@ -36,12 +34,12 @@ _ROUNDING = 1e-9
 # For each robot the target that it is at, or next at, and the time until then.
 _Places: TypeAlias = tuple[tuple[int, int], ...]
 # The places, and for each target the time until an attack succeeds that began after the last visit.
-_State: TypeAlias = tuple[_Places, tuple[int, ...]]
+State: TypeAlias = tuple[_Places, tuple[int, ...]]
 # States one after another, with the robot of the state before that goes to each place.
-_Path: TypeAlias = list[tuple[_State, tuple[int, ...]]]
+Path: TypeAlias = list[tuple[State, tuple[int, ...]]]
 
 
-class _Clock(NamedTuple):
+class Clock(NamedTuple):
     """A game whose times are multiples of a unit. Ways lead between targets, without others."""
 
     unit: float
@@ -52,13 +50,13 @@ class _Clock(NamedTuple):
     lasts: tuple[tuple[float, ...], ...]
     "The time from each target to each."
 
-    def in_time(self, state: _State) -> bool:
+    def in_time(self, state: State) -> bool:
         """Check whether some robot can reach each target before an attack there succeeds."""
         places, left = state
         near = [[more + one for one in self.lasts[target]] for target, more in places]
         return all(min(times) <= one for one, *times in zip(left, *near, strict=True))
 
-    def after(self, state: _State) -> Iterator[tuple[_State, tuple[int, ...]]]:
+    def after(self, state: State) -> Iterator[tuple[State, tuple[int, ...]]]:
         """Yield the states one unit later, and for each place the robot that goes there."""
         places, left = state
         each = [
@@ -78,14 +76,14 @@ class _Clock(NamedTuple):
                 )
                 yield (there, now), order
 
-    def starts(self) -> Iterator[_State]:
+    def starts(self) -> Iterator[State]:
         """Yield states with all robots at targets, and all targets as if just visited."""
         every = [(target, 0) for target in range(len(self.attack))]
         for places in itertools.combinations_with_replacement(every, self.robots):
             yield places, self.attack
 
 
-def clock_of(game: Game) -> _Clock | None:
+def clock_of(game: Game) -> Clock | None:
     """Return a game in units of time, or `None` if its times have no common unit, or a tiny one."""
     between = game.between
     times = np.append(between[np.isfinite(between) & (between > 0)], game.attack)
@@ -107,7 +105,7 @@ def clock_of(game: Game) -> _Clock | None:
         for row, only in zip(away, direct, strict=True)
     )
     whole = tuple(attack.round().astype(int).tolist())
-    return _Clock(unit, ways, whole, game.robots, tuple(map(tuple, lasts.tolist())))
+    return Clock(unit, ways, whole, game.robots, tuple(map(tuple, lasts.tolist())))
 
 
 @functools.lru_cache(maxsize=4)
@@ -126,7 +124,7 @@ def safe_routes(game: Game) -> tuple[Route, ...] | None:
     dead: dict[_Places, list[tuple[int, ...]]] = {}
     states = 0
     for start in clock.starts():
-        path: _Path = [(start, (0,))]
+        path: Path = [(start, (0,))]
         above = {start[0]: [0]}
         stack = [_by_time_left(clock, start)]
         while stack:
@@ -137,7 +135,7 @@ def safe_routes(game: Game) -> tuple[Route, ...] | None:
                 path.append((state, order))
                 for begin in above.get(places, ()):
                     if _within(path[begin][0][1], left):
-                        return _routes(game, clock, path[begin:])
+                        return routes_along(game, clock, path[begin:])
                 above.setdefault(places, []).append(len(path) - 1)
                 stack.append(_by_time_left(clock, state))
                 states += 1
@@ -153,10 +151,10 @@ def safe_routes(game: Game) -> tuple[Route, ...] | None:
     return ()
 
 
-def _by_time_left(clock: _Clock, state: _State) -> Iterator[tuple[_State, tuple[int, ...]]]:
+def _by_time_left(clock: Clock, state: State) -> Iterator[tuple[State, tuple[int, ...]]]:
     """Return the states after a state, first those with much time left at the worst target."""
 
-    def least(one: tuple[_State, tuple[int, ...]]) -> float:
+    def least(one: tuple[State, tuple[int, ...]]) -> float:
         return min(a / b for a, b in zip(one[0][1], clock.attack, strict=True))
 
     after = (one for one in clock.after(state) if min(one[0][1]) and clock.in_time(one[0]))
@@ -167,7 +165,7 @@ def _within(less: tuple[int, ...], more: tuple[int, ...]) -> bool:
     return all(a <= b for a, b in zip(less, more, strict=True))
 
 
-def _routes(game: Game, clock: _Clock, path: _Path) -> tuple[Route, ...]:
+def routes_along(game: Game, clock: Clock, path: Path) -> tuple[Route, ...]:
     """Follow the robots along a path of states that ends at the places where it begins."""
     # At the end of the path, robots may have changed their places.
     begin = here = list(range(game.robots))
@@ -201,50 +199,6 @@ def _route(game: Game, at: Int[np.ndarray, "moments"], unit: float) -> Route:
     return Route(vertex[order], arrive[order], (arrive + stays)[order], period)
 
 
-def least_risk(game: Game) -> float | None:
-    """Compute the least risk of all strategies for an adversary who comes at a random time.
-
-    The variables of a linear program are the shares of time for moves between the states of
-    [`safe_routes`][], whose sum into a state is that out of it. The risk is the largest value of a
-    target times the share of units in which an attack begins that succeeds.
-
-    **Returns:** the risk, or `None` if times have no common unit, or there are too many moves.
-    """
-    if game.components[0] > 1 or (clock := clock_of(game)) is None:
-        return None
-    after: dict[_State, list[_State]] = {}
-    stack, count = [next(clock.starts())], 0
-    while stack:
-        if (state := stack.pop()) not in after:
-            after[state] = [one for one, _ in clock.after(state)]
-            stack += after[state]
-            count += len(after[state])
-            if count > _MOVES:
-                return None
-    number = {state: k for k, state in enumerate(after)}
-    begins = np.repeat(np.arange(len(after)), [len(each) for each in after.values()])
-    ends = np.array([number[state] for each in after.values() for state in each])
-    late = np.array([left for _, left in after])[begins] == 0
-    ones, column = np.ones(count), np.arange(count)
-    balance = scipy.sparse.csr_array(
-        (np.append(ones, -ones), (np.append(begins, ends), np.tile(column, 2))),
-        (len(after), count + 1),
-    )
-    rows = np.append(late.T * game.value[:, None], -np.ones((game.value.size, 1)), axis=1)
-    total = np.append(ones, 0.0)
-    found = scipy.optimize.linprog(
-        1 - total,
-        rows,
-        np.zeros(game.value.size),
-        scipy.sparse.vstack([balance, total[None]], format="csr"),
-        np.append(np.zeros(len(after)), 1.0),
-        method="highs",
-    )
-    if not found.success:
-        raise RuntimeError(f"the least risk: {found.message}")
-    return float(found.fun)
-
-
 def watched_risk(game: Game) -> float | None:
     """Bound the risk of all strategies, also random ones, for an adversary who sees the robots.
 
@@ -253,7 +207,8 @@ def watched_risk(game: Game) -> float | None:
     an attack; shares without the first moment are those without the last one. Given what he sees,
     each attack must be stopped often enough; the risk for which this is possible is bisected.
 
-    **Returns:** the bound; it is the optimum if he sees no more. `None` as in [`least_risk`][].
+    **Returns:** the bound; it is the optimum if he sees no more. `None` if times have no common
+    unit, or there are too many walks.
     """
     if game.components[0] > 1 or (clock := clock_of(game)) is None:
         return None

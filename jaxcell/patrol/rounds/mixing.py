@@ -8,6 +8,7 @@ import numpy as np
 import scipy.optimize
 from jaxtyping import Float
 
+from .blind import blind_routes, least_risk
 from .evaluation import evaluate_followed
 from .game import Game
 from .joint import safe_routes
@@ -20,11 +21,11 @@ from .subsets import MOST_ROBOTS, MOST_SUBSETS, best_division, closed_tours, mem
 # within a share of the largest value of the least.
 _PERIODS, _LOSS = (5, 20, 100), 0.01
 # The share of the largest value for which targets are not visited for a long time.
-_GAIN = 0.05
+_GAIN = 0.02
 # Largest number of places where robots stay.
 _STAYS = 12
 # Relative difference below which risks are equal.
-_SAME = 1e-9
+_SAME = 1e-7
 # Largest number of targets for more than two robots, whose divisions are searched many times.
 _DIVIDED = 11
 # Largest number of rounds that are tried in a mixture, and the least share of one.
@@ -62,9 +63,10 @@ def best_routes(game: Game) -> tuple[Route, ...]:
     [`safe_routes`][] where some exist. For an adversary who comes at a random time, robots also
     stay at some targets of their tours while others are not late. For up to 14 targets and 2
     robots, or 11 targets and 4 robots, rounds through some of the targets are repeated in turn,
-    each for a share of a long period, if the risk is then less by 5 % of the largest value. The
+    each for a share of a long period, if the risk is then less by 2 % of the largest value. The
     shares solve a linear program, whose rounds are found one by one, by their capture at its
-    prices.
+    prices. In small games with a common unit of times, all joint schedules are mixed instead, which
+    are also taken if no strategy has a smaller risk.
 
     **Arguments:** the game. **Returns:** a route for each robot. **Raises:** `ValueError` if there
     are fewer robots than parts of the graph.
@@ -77,7 +79,7 @@ def best_routes(game: Game) -> tuple[Route, ...]:
         >>> once = patrol.rounds.best_rounds(game).evaluation
         >>> longer = patrol.rounds.evaluate(game, patrol.rounds.best_routes(game))
         >>> once.exposure.round(3).tolist(), longer.exposure.round(3).tolist()
-        ([0.833, 0.833], [0.507, 0.507])
+        ([0.833, 0.833], [0.51, 0.51])
     """
     found = best_rounds(game)
     best, risk = _safest(game, found.routes, float(found.evaluation.risk(game).max()))
@@ -87,9 +89,14 @@ def best_routes(game: Game) -> tuple[Route, ...]:
     few = few and game.targets.size <= (MOST_SUBSETS if game.robots <= 2 else _DIVIDED)
     if game.adversary != "blind" or not few or game.components[0] > 1 or risk <= 0:
         return best
-    rounds, shares, limit = _mixture(game, found)
     most = float(game.value.max())
     enough, turns = risk - _GAIN * most, best
+    if (limit := least_risk(game)) is not None:
+        turns = blind_routes(game, _LOSS * most) or best
+        lower = float(evaluate_followed(game, turns).risk(game).max())
+        optimal = lower <= limit + _SAME * most < risk - _SAME * most
+        return turns if optimal or lower < enough else best
+    rounds, shares, limit = _mixture(game, found)
     for period in _PERIODS if limit < enough else ():
         turns = _alternated(game, rounds, shares, period)
         risk = float(evaluate_followed(game, turns).risk(game).max())

@@ -30,6 +30,19 @@ def move_times(
     return graph.matrix(edge_times(graph, times)).toarray() + wait * np.eye(graph.vertices)
 
 
+def directed_times(graph: Graph, times: Any) -> Int[np.ndarray, "vertices vertices"]:
+    """Check whole times between pairs of vertices; 0 is no way, and the diagonal is waits."""
+    given = np.asarray(times)
+    shape = (graph.vertices,) * 2
+    whole = given.shape == shape and bool(((given >= 0) & (given == np.rint(given))).all())
+    if not whole or given.max() > _MOST or (given[move_times(graph) == 0] > 0).any():
+        raise ValueError(
+            f"travel_times: expected whole numbers, an array {list(shape)} with positive entries "
+            "only between the ends of edges, and on its diagonal"
+        )
+    return given.astype(np.int32)
+
+
 def edge_times(graph: Graph, times: Any = None) -> Float[np.ndarray, "edges"]:
     """Return the time of each edge, positive and finite; by default all times are 1."""
     edges = len(graph.edges)

@@ -16,7 +16,7 @@ from ...base.wide import host_array, traced
 from ...optimize import Graph, GraphLike
 from ..team.division import divide_graph
 from ..team.idleness import long_run
-from ..team.times import check_whole, move_times, names_of
+from ..team.times import check_whole, directed_times, move_times, names_of
 
 
 def walk_capture_probabilities(
@@ -33,7 +33,8 @@ def walk_capture_probabilities(
         states]`. Its states are the vertices, or for a robot with memory the pairs of a state of
         the memory and a vertex, where the vertex varies fastest.
     - `attack_time`: duration of an attack, a whole number, or array `[vertices]` of them.
-    - `travel_times`: array `[edges]`, travel time of each edge, whole numbers; by default 1.
+    - `travel_times`: array `[edges]`, travel time of each edge, whole numbers; by default 1. In an
+        array `[vertices, vertices]` rows are starts, the diagonal is waits, and 0 is no way.
 
     **Returns:** array `[states, vertices]`: rows are starts, columns are targets. The matrix may be
     traced by `jit`, `vmap` and `grad`; then it is not checked.
@@ -248,6 +249,8 @@ def whole_numbers(
 ) -> tuple[Int[np.ndarray, "vertices vertices"], Int[np.ndarray, "vertices"]]:
     """Check that times are whole; return those of moves (0 if no edge) and of attacks."""
     attack = check_whole("attack_time", attack_time, graph.vertices, "vertex")
+    if np.ndim(travel_times) == 2:
+        return directed_times(graph, travel_times), attack
     given = 1 if travel_times is None else travel_times
     times = check_whole("travel_times", given, len(graph.edges), "edge")
     return move_times(graph, times).astype(np.int32), attack

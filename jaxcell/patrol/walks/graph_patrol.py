@@ -101,8 +101,6 @@ class GraphPatrol(Measures):
     "The times between visits to vertices, for these walks and three other patrols, or `None`."
     round: Round | None = None
     "The closed tour with evenly spaced robots on a shared clock, to compare, or `None`."
-    weights_unused: bool = False
-    "`True` if the file of the graph has weights of edges, which the walk does not use."
     robots: int = 1
     first_arrival: Annotated[
         Float[np.ndarray, "vertices"] | None,
@@ -250,8 +248,6 @@ class GraphPatrol(Measures):
                 )
         if self.walks_with_memory is not None:
             remarks.append("times, shares and entropy above are those of the walk without memory")
-        if self.weights_unused:
-            remarks.append("the weights of edges in the file are not used, except with `weight`")
         if self.rounded_up > _SAME:
             remarks.append(
                 "the walk has travel times rounded up to whole units of time, by up to "

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -30,8 +31,6 @@ class AnywhereStudy(RobotStudy):
         "How is it simulated?": ("robots", "bumps", "radius", "slices", "seed"),
     }
 
-    bounce: Angles
-    """Bouncing angles in degrees, counter-clockwise; the robot chooses among several."""
     from_: Annotated[Pose | None, tyro.conf.arg(name="from")] = None
     """Region where all robots start, "x,y", "x,y,heading" or "x,y,heading,radius" in m and degrees,
     such as a dock; by default they start anywhere. Without a radius it is a point. An empty heading
@@ -53,7 +52,7 @@ class AnywhereStudy(RobotStudy):
     outliers: Annotated[int, Limit(ge=0, le=3)] = 0
     """Number of bumps of each robot at things that are not on the map, such as a chair. Sets hold
     the robot although as many bumps were not on the map."""
-    robots: AtLeastOne = 1000
+    robots: AtLeastOne = 200
     """Number of robots."""
     bumps: AtLeastOne = 30
     """Number of bumps of each robot."""
@@ -138,11 +137,15 @@ class AnywhereStudy(RobotStudy):
         return cells.directions if self.heading == "known" else None
 
     def simulate(
-        self, say: Say, goal: tuple[tuple[float, float], float] | None = None
+        self,
+        say: Say,
+        bounce: Sequence[float],
+        goal: tuple[tuple[float, float], float] | None = None,
+        filter: "walls.WallFilter | None" = None,
     ) -> "bouncing.Anywhere":
-        """Simulate robots, to localize them or to bring them to a goal.
+        """Simulate robots with angles in degrees, to localize them or to bring them to a goal.
 
-        `goal` is a centre and a radius, in metres.
+        `goal` is a centre and a radius, in metres. By default the filter is built.
         """
         cells = self.cells()
         workspace = cells.workspace
@@ -152,9 +155,10 @@ class AnywhereStudy(RobotStudy):
         if self.start is not None:
             first = pose_at(workspace, self.start, "start", headings)
             check_start(self._region(cells), first, f"start {self.start!r}")
-        say("finding the chords of the room")
-        angles = radians(self.bounce)
-        filter = self.filter(cells, angles.tolist())
+        angles = radians(bounce)
+        if filter is None:
+            say("finding the chords of the room")
+            filter = self.filter(cells, angles.tolist())
         homing = None
         if goal is not None:
             homing = walls.Homing(filter, *goal, tuple(angles.tolist()))
@@ -185,7 +189,15 @@ class AnywhereStudy(RobotStudy):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class LocalizeAnywhere(AnywhereStudy):
+class BouncingAnywhere(AnywhereStudy):
+    """Base class of studies of robots that start anywhere with given bouncing angles."""
+
+    bounce: Angles
+    """Bouncing angles in degrees, counter-clockwise; the robot chooses among several."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LocalizeAnywhere(BouncingAnywhere):
     """Localize robots that start anywhere, by the sets of their possible places on the walls.
 
     A robot drives straight from bump to bump, and counts the steps of each run."""
@@ -206,11 +218,11 @@ class LocalizeAnywhere(AnywhereStudy):
         return {"aim": self.aim, "ahead": self.ahead}
 
     def run(self, say: Say = silent) -> "bouncing.Anywhere":
-        return self.simulate(say)
+        return self.simulate(say, self.bounce)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class NavigateAnywhere(AnywhereStudy):
+class NavigateAnywhere(BouncingAnywhere):
     """Lead robots that start anywhere to a goal, by the sets of their possible places on the walls.
 
     A robot drives straight from bump to bump, and counts the steps of each run."""
@@ -225,7 +237,7 @@ class NavigateAnywhere(AnywhereStudy):
     metre if cells are smaller."""
 
     def run(self, say: Say = silent) -> Result:
-        return self.simulate(say, disc_at(self.cells(), self.goal, "goal"))
+        return self.simulate(say, self.bounce, disc_at(self.cells(), self.goal, "goal"))
 
 
 def pose_at(

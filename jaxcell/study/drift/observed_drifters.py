@@ -74,8 +74,7 @@ class Drifters(SeaStudy):
         after = f" days, {_MAX_MOVES:,} times the lag"
         Limit(gt=0, le=longest).check("after", self.after, after)
         default = {field.name: field.default for field in dataclasses.fields(self)}
-        used = _OF_TRACKS if self.counts is None else _OF_COUNTS
-        for name in {*_OF_TRACKS, *_OF_COUNTS} - {*used}:
+        for name in _OF_COUNTS if self.counts is None else _OF_TRACKS:
             if getattr(self, name) != default[name]:
                 kind = "trajectories" if self.counts is None else "counts of moves"
                 raise ValueError(f"{name}: it has no effect on {kind}")

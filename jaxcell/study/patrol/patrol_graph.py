@@ -184,7 +184,6 @@ class PatrolGraph(Study):
             by_steps=self.speed is not None and self.strategy in _BY_STEPS,
             time_unit=self.time_unit,
             rounded_up=self._rounded_up(graph),
-            weights_unused=self.weight is None and patrol.files.has_weights(self.file),
             seed=self.seed,
         )
         with_memory = self._walks_with_memory(patrolled, beside, say)

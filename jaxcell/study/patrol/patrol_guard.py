@@ -7,6 +7,7 @@ import tyro
 
 from ... import patrol, record, verify as verification
 from ...base import memory
+from ...base.doubts import Doubt, warn
 from ...base.optional_modules import has_module
 from ...base.secondary import Secondary
 from ..parameters import AtLeastOne, Headings, Limit, Only
@@ -151,9 +152,12 @@ class PatrolGuard(_Rounds):
         if self.attack_times is not None:
             attack = patrol.files.load_values(self.attack_times, names)
         value = 1.0 if self.values is None else patrol.files.load_values(self.values, names)
-        return patrol.rounds.Game.of(
+        game = patrol.rounds.Game.of(
             ways, attack, targets=self.targets, value=value, speed=self.speed, **known
         )
+        for omitted in game.omitted:
+            warn(f"{self.file}: {omitted}", Doubt)
+        return game
 
     def headline(self, spec: dict[str, Any]) -> str:
         return f"{spec['file']}: guards with a shared clock"

@@ -106,6 +106,36 @@ def test_first_lines_say_where_it_goes_and_how_long_it_takes(found):
     assert "537 days" in route
 
 
+def test_what_is_lost_is_all_that_is_not_in_cells_with_other_moves(table, found):
+    """Five parts in all: two where no drifter was seen to go on, what is lost, patches, others."""
+    lon, _, begin, end, share = table
+    with np.load(bundled("gdp")) as file:
+        sizes = np.diff(file["indptr"])
+        total = np.bincount(np.repeat(np.arange(sizes.size), sizes), file["data"], sizes.size)
+        total += file["lost"]
+        no_cell = (file["lost"] / np.maximum(total, 1))[total > 0]
+    push = scipy.sparse.csr_array((share, (end, begin)), (lon.size, lon.size))
+    mass, lost = np.full(lon.size, 1 / lon.size), 0.0
+    for _ in range(730):
+        lost += no_cell @ mass
+        mass = push @ mass
+    stay = mass[push.diagonal() == 1].sum()
+    assert found.lost == pytest.approx(lost, rel=1e-9)
+    assert found.stayed == pytest.approx(stay, rel=1e-9)
+    assert found.ended == pytest.approx(1 - mass.sum() - lost, rel=1e-9)
+    assert "Of all, 23.9 % is where no drifter was seen to go on" in found.answer[1]
+
+
+def test_moves_into_cells_left_out_are_in_doubt_and_no_fate_of_drifters():
+    """Half of the moves from the first cell are into a cell with a move, one into an empty one."""
+    counts = np.array([[5, 0, 4, 1], [0, 9, 0, 0], [0, 1, 0, 0], [0, 0, 0, 0]])
+    moves = drift.CellCounts.of(np.arange(4.0), np.zeros(4), counts, 5.0, least=2)
+    found = drift.CountedDrift.of(moves, after=5 * 86400.0)
+    parts = found.removed, found.ended, found.stayed, found.lost
+    assert parts == pytest.approx((0.2, 0.05, 0.5, 0))
+    assert found.answer[0].startswith("In doubt: 20 % went into cells that --least leaves out")
+
+
 def test_a_path_there_counts_and_lonely_cells_are_left_out():
     counts = np.array([[8, 2, 0], [5, 5, 0], [1, 0, 0]])
     moves = drift.CellCounts.of([0.0, 1.0, 2.0], np.zeros(3), counts, 5.0, least=2)

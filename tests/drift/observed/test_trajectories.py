@@ -408,3 +408,14 @@ def test_the_largest_speed_can_be_chosen():
     with pytest.warns(Doubt, match=r"1 of 5 observations .* than 10 m/s.*, set `max_speed`"):
         assert drift.Trajectories.of(*columns).lon.size == 4
     assert drift.Trajectories.of(*columns, max_speed=32).lon.size == 5
+
+
+def test_places_that_are_none_and_times_that_go_back_are_counted():
+    lon, lat = np.array([999.0, 4.01, 4.02, 4.03, 4.04]), np.array([50.0, 50, 999, 50, 50])
+    time = 3600.0 * np.array([0, 1, 2, 4, 3])
+    with pytest.warns(Doubt) as doubts:
+        seen = drift.Trajectories.of(lon, lat, time, np.zeros(5, int))
+    assert seen.lon.tolist() == pytest.approx([4.01, 4.04, 4.03])
+    places, times = (str(doubt.message) for doubt in doubts)
+    assert "2 of 5 observations are left out: longitudes beyond 360" in places
+    assert "1 of 5 observations are earlier than the one before of their drifter" in times

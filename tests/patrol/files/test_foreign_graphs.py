@@ -7,7 +7,7 @@ import pytest
 
 from jaxcell.base.doubts import Doubt
 from jaxcell.cli import main
-from jaxcell.patrol.files import load_graph, load_ways
+from jaxcell.patrol.files import load_graph, load_problem, load_ways
 
 
 HEAD = (
@@ -128,6 +128,20 @@ def test_problems_of_rosso_are_read_as_ways_with_times(tmp_path, capsys):
         ways = load_ways(path)
     expected = [[0, 1], [0, 2], [1, 0], [1, 2], [2, 0], [2, 1]]
     assert (ways.ends.tolist(), ways.lengths.tolist()) == (expected, [3, 4, 2, 5, 4, 6])
+    problem = load_problem(path)
+    assert (problem.travel_times.tolist(), problem.attack_time) == (matrix, 10)
+    assert problem.graph.edges.tolist() == [[0, 1], [0, 2], [1, 2]]
+    assert problem.stationary.tolist() == [0.5, 0.3, 0.2]
+    for wrong, said in [
+        ([1], "problem_params"),
+        ({"problem_params": about | {"tau": 0}}, "tau: expected a whole number"),
+        ({"problem_params": about | {"weight_matrix": [[1, 2]]}}, "whole numbers, 1 x 1"),
+        ({"problem_params": about | {"weight_matrix": [[1, -2], [1, 1]]}}, "expected"),
+        ({"problem_params": about | {"stationary_distribution": [1, 0]}}, "3"),
+    ]:
+        (tmp_path / "wrong.json").write_text(json.dumps(wrong))
+        with pytest.raises(ValueError, match=said):
+            load_problem(tmp_path / "wrong.json")
     words = ["patrol", "guard", str(path), "--attack-time", "10", "--speed", "1", "--json"]
     assert main(words) == 0
     assert "not used; give --attack-time" in capsys.readouterr().err
@@ -140,3 +154,49 @@ def test_doctor_knows_them(tmp_path, capsys):
     degrees, loop = report["doubts"]
     assert "taken as degrees" in degrees
     assert "1 loop is left out" in loop
+
+
+def saved(folder, links, directed=False):
+    """Write a graph of three vertices in a row, and links with attributes."""
+    nodes = [{"id": name, "x": 3.0 * k, "y": 0.0} for k, name in enumerate("abc")]
+    path = folder / "row.json"
+    path.write_text(json.dumps({"directed": directed, "nodes": nodes, "links": links}))
+    return path
+
+
+def joined(**attributes):
+    return [{"source": tail, "target": head, **attributes} for tail, head in ("ab", "bc")]
+
+
+@pytest.mark.parametrize("name", ["distance", "travel_time", "weight", "cost"])
+def test_lengths_under_another_name_are_doubted_until_named(tmp_path, capsys, name):
+    path = saved(tmp_path, joined(**{name: 10.0}))
+    guard = ["patrol", "guard", str(path), "--attack-time", "90", "--speed", "1"]
+    for line in (["doctor", str(path), "--json"], guard, ["patrol", "graph", str(path)]):
+        main(line)
+        said = "".join(capsys.readouterr())
+        assert "edges have no `length`" in said or "edges have no --length" in said
+        assert f"to read another attribute as length, set --weight {name}" in said
+    assert main([*guard, "--weight", name]) == 0
+    assert "no `length`" not in capsys.readouterr().err
+    assert main([*guard, "--weight", "wait"]) == 2
+    assert f"--weight: no edge has 'wait'; they have {name}" in capsys.readouterr().err
+
+
+def test_streets_marked_oneway_in_an_undirected_graph_are_doubted(tmp_path):
+    path = saved(tmp_path, joined(oneway="yes", length=3.0))
+    for read in (load_graph, load_ways):
+        with pytest.warns(Doubt, match=r"2 of 2 edges of an undirected graph are marked oneway"):
+            read(path)
+    assert load_ways(path, directed=True).ends.tolist() == [[0, 1], [1, 2]]
+
+
+def test_vertices_without_a_way_back_are_said_above_the_answer(tmp_path, capsys):
+    path = saved(tmp_path, joined(), directed=True)
+    assert main(["patrol", "guard", str(path), "--attack-time", "6"]) == 0
+    out, err = capsys.readouterr()
+    assert "2 of 3 vertices are no targets, because no way leads there and back: a, b" in err
+    assert "At the targets that can be guarded, no intruder escapes" in out
+    assert main(["doctor", str(path), "--json"]) == 1
+    [doubt] = json.loads(capsys.readouterr().out)["doubts"]
+    assert doubt.endswith("to choose, set --targets")

@@ -1,5 +1,6 @@
 import json
 import runpy
+import warnings
 from pathlib import Path
 
 import networkx as nx
@@ -8,7 +9,7 @@ import pytest
 from hypothesis import assume, given, strategies as st
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol.files import has_weights, load_graph
+from jaxcell.patrol.files import load_graph
 from jaxcell.patrol.files.graph_saving import save_graph
 from jaxcell.patrol.files.values import load_stakes, load_values
 
@@ -202,10 +203,15 @@ def test_the_karate_club_has_no_positions_and_weights_that_are_not_used(tmp_path
     nx.write_graphml(club, tmp_path / "club.graphml")
     (tmp_path / "club.json").write_text(json.dumps(nx.node_link_data(club, edges="edges")))
     for suffix in ("gml", "adjlist", "graphml", "json"):
-        graph, names = load_graph(tmp_path / f"club.{suffix}")
+        path = tmp_path / f"club.{suffix}"
+        with warnings.catch_warnings(record=True) as doubts:
+            warnings.simplefilter("always")
+            graph, names = load_graph(path)
         assert graph.xy is None
         assert lengths_of(graph, names).keys() == {frozenset(map(str, e)) for e in club.edges}
-        assert has_weights(tmp_path / f"club.{suffix}") == (suffix != "adjlist")
+        said = "edges have no `length`, so that of each is unknown, and it takes one step"
+        named = f'{path}: {said}; to read another attribute as length, set `weight="weight"`'
+        assert [str(each.message) for each in doubts] == [named] * (suffix != "adjlist")
 
 
 def test_a_number_for_each_vertex(tmp_path):
@@ -281,7 +287,6 @@ def test_graphs_of_patrolling_sim(tmp_path):
     assert graph.xy.tolist() == [[6, 8], [21, 8], [21, 13]]
     # The last way is not straight.
     assert graph.lengths.tolist() == [15, 6]
-    assert not has_weights(tmp_path / "graph.graph")
 
 
 @pytest.mark.parametrize(

@@ -95,8 +95,25 @@ def test_least_risk_is_that_of_an_own_linear_program(seed):
     least = least_risk(edges, attack.tolist(), value.tolist(), robots)
     limit = bound(game)
     assert (1 - limit.capture) * value.max() == pytest.approx(least, abs=1e-7)
-    risk = evaluate(game, best_routes(game)).risk(game).max()
-    assert least - 1e-9 <= risk <= least + 0.061 * value.max()
+    routes = best_routes(game)
+    risk = evaluate(game, routes).risk(game).max()
+    assert least - 1e-9 <= risk <= least + 0.031 * value.max()
+    moments = np.arange(0, routes[0].period, 0.5) + 0.25
+    laps = int(np.ceil(4 * max(one.period for one in routes) / routes[0].period)) + 3
+    late = [(waits(routes, v, moments, laps) > a).mean() for v, a in enumerate(attack)]
+    assert max(late * value) == pytest.approx(risk, abs=1e-9)
+
+
+@pytest.mark.parametrize("attack", [1.25, 1.5, 2.75])
+def test_attacks_with_parts_of_a_step_are_bounded_by_an_own_linear_program(attack):
+    least = least_risk([(0, 1, 1), (1, 2, 1)], [attack] * 3, [1] * 3)
+    game = Game.of(Graph([[0, 1], [1, 2]]), attack)
+    assert 1 - bound(game).capture == pytest.approx(least, abs=1e-7)
+    found = evaluate(game, routes := best_routes(game))
+    assert least - 1e-9 <= found.exposure.max() <= least + 0.021
+    moments = np.random.default_rng(0).uniform(0, routes[0].period, 2000)
+    missed = np.array([(waits(routes, v, moments) > attack).mean() for v in range(3)])
+    assert (abs(missed - found.exposure) <= 3 * (missed * (1 - missed) / 2000) ** 0.5 + 1e-9).all()
 
 
 def test_answer_says_whether_all_schedules_were_compared():

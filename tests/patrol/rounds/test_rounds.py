@@ -195,6 +195,7 @@ def test_dead_ends_of_one_way_streets_are_no_targets():
     game = Game.of(streets, 3.0)
     assert game.names_of_targets == ["a", "b"]
     assert game.omitted == (
-        "1 of 3 vertices are no targets, because no way leads there and back: c",
+        "1 of 3 vertices are no targets, because no way leads there and back: c; to choose, set "
+        "`targets`",
     )
     assert Game.of(streets, 3.0, robots=2).names_of_targets == ["a", "b", "c"]

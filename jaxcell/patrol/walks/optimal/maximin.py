@@ -85,6 +85,7 @@ def maximin_capture(
     travel_times: Any = None,
     robots: int = 1,
     stay: bool = False,
+    stationary: Any = None,
     memory: int = 1,
     known: Float[np.ndarray, "robots _ _"] | None = None,
     starts: int = 8,
@@ -112,9 +113,12 @@ def maximin_capture(
 
     - `graph`: a connected graph.
     - `attack_time`: duration of an attack, a whole number, or array `[vertices]` of them.
-    - `travel_times`: array `[edges]`, travel time of each edge, whole numbers; by default 1.
+    - `travel_times`: array `[edges]`, travel time of each edge, whole numbers; by default 1. In an
+        array `[vertices, vertices]` rows are starts, the diagonal is waits, and 0 is no way.
     - `robots`: number of robots.
     - `stay`: whether a robot may wait at a vertex, which takes a time of 1.
+    - `stationary`: array `[vertices]`, the prescribed share of moves of each robot that begin at
+        each vertex, without memory; by default they are free.
     - `memory`: number of states of the memory of a robot; 1 is a robot without memory. If the
         number of symmetries of the graph divides `memory`, and edges and attacks take equally long,
         the robot acts in the same way in symmetric positions, which makes the search faster.
@@ -147,15 +151,17 @@ def maximin_capture(
     for name, count in (("robots", robots), ("starts", starts), ("memory", memory)):
         check_count(name, count)
     delays, attack = whole_numbers(graph, attack_time, travel_times)
-    problem = _Problem.of(graph, delays, attack, robots, memory, stay)
-    if robots > 1 and out_of_reach(delays, attack, stay=stay) is not None:
+    if stationary is not None and memory > 1:
+        raise ValueError("stationary: expected no memory, whose states would need shares, too")
+    problem = _Problem.of(graph, delays, attack, robots, memory, stay, stationary)
+    if robots > 1 and stationary is None and out_of_reach(delays, attack, stay=stay) is not None:
         options = {"starts": starts, "seed": seed, "tolerance": tolerance, "throw": throw}
         options |= {"stay": stay, "memory": memory}
         region = parts_within_reach(graph, delays, attack, robots, stay=stay)
         return _in_parts(graph, region, attack, travel_times, known, options)
     check_reach(delays, attack, stay=stay)
     copies = None if known is None else _copied(known, memory, graph.vertices, seed)
-    alike = travel_times is None and not stay and np.ptp(attack) == 0
+    alike = travel_times is None and stationary is None and not stay and np.ptp(attack) == 0
     search = problem.ascend if alike else problem.descend
     matrices, certificate = problem.polished(*search(starts, seed, copies), tolerance)
     certificate.check("maximin_capture", throw)
@@ -186,10 +192,12 @@ class _Problem:
         robots: int,
         memory: int,
         stay: bool,
+        stationary: Any,
     ) -> "_Problem":
         states = _with_memory(graph, memory, stay)
-        polytope = ChainPolytope.on(states, stay=stay)
-        return cls(states, polytope, np.tile(delays, (memory, memory)), attack, robots, memory)
+        delays = np.tile(delays, (memory, memory))
+        polytope = ChainPolytope.on(states, stationary, stay=stay, possible=delays > 0)
+        return cls(states, polytope, delays, attack, robots, memory)
 
     @functools.cached_property
     def arguments(self) -> tuple[Any, ...]:
@@ -288,7 +296,7 @@ class _Problem:
         others, once in 10^6 moves. The times of such rare visits are not accurate in 64 bits.
         """
         value = self.value(matrices)
-        if len(matrices) == 1:
+        if len(matrices) == 1 or self.polytope.stationary is not None:
             return matrices, value
         kept = np.where(matrices < _RARE, 0.0, matrices)
         kept /= kept.sum(axis=2, keepdims=True)

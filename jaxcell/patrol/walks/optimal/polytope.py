@@ -34,16 +34,25 @@ class ChainPolytope:
     stationary: Float[np.ndarray, "vertices"] | None
 
     @classmethod
-    def on(cls, graph: Graph, stationary: Any = None, *, stay: bool = False) -> "ChainPolytope":
+    def on(
+        cls,
+        graph: Graph,
+        stationary: Any = None,
+        *,
+        stay: bool = False,
+        possible: Bool[np.ndarray, "vertices vertices"] | None = None,
+    ) -> "ChainPolytope":
         """Build the polytope of all chains that move along the edges of a connected graph.
 
         `stationary` is an array `[vertices]`, the share of the time to spend at each vertex; with
-        `stay`, the patroller may wait at a vertex.
+        `stay`, the patroller may wait at a vertex; moves that are not `possible` are left out.
         """
         moves = np.concatenate([graph.edges, graph.edges[:, ::-1]])
         if stay:
             loops = np.repeat(np.arange(graph.vertices, dtype=np.int32)[:, None], 2, axis=1)
             moves = np.concatenate([moves, loops])
+        if possible is not None:
+            moves = moves[possible[tuple(moves.T)]]
         check_connected(graph.vertices, moves)
         if stationary is not None:
             stationary = distribution("stationary", stationary, graph.vertices, "per vertex")
