@@ -1,4 +1,4 @@
-"""What `jaxcell doctor` says of public files: `python -m experiments.corpus FOLDER [--out FILE]`.
+"""A table of the kinds and doubts of public files: `python -m experiments.corpus FOLDER`.
 
 `FOLDER` has the repositories of `public.toml`, each cloned as `OWNER/NAME`. A file that is not
 there is left out. The table has the exit status of `doctor`, what each file was taken for, and its
