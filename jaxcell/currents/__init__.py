@@ -2,7 +2,7 @@
 
 `open_currents` reads them into an `xarray.Dataset` of one normal form, whatever their model, axes,
 units and calendar: velocities towards the East and North in m/s at the centres of the cells, masks
-of water and land, the sides of the cells in metres, and dates. It needs nothing else of jaxcell.
+of water and land, the sides of the cells in metres, and dates.
 """
 
 from ..base.hosted import attach

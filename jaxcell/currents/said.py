@@ -1,4 +1,4 @@
-"""What the caller says of files that do not say it themselves."""
+"""The words of a caller about files whose own words are wrong or missing."""
 
 import dataclasses
 from collections.abc import Sequence

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 import xarray as xr
+from drift import products
 from helpers import run
 
 from jaxcell import bundled
@@ -22,6 +23,20 @@ def results(tmp_path_factory):
     options = ["--bounce", "135", "--collision", "endpoint", "--out", str(out)]
     assert main(["localize", lab, *options]) == 0
     return out
+
+
+def test_files_of_one_current_are_read_together(tmp_path, capsys):
+    mesh = products.nemo_mesh()
+    products.write(tmp_path, mesh, "mesh_mask.nc")
+    for point, name, value in (("u", "vozocrtx", 0.5), ("v", "vomecrty", 0.25)):
+        file = products.nemo(mesh, point, name, value)
+        products.write(tmp_path, file, f"{point}.nc")
+    names = [str(tmp_path / name) for name in ("u.nc", "v.nc", "mesh_mask.nc")]
+    assert main(["doctor", *names, "--json"]) in (0, 1)
+    report = json.loads(capsys.readouterr().out)
+    assert report["what"].startswith("currents")
+    assert report["records"] == products.RECORDS
+    assert not any("not read" in doubt for doubt in report["doubts"])
 
 
 def test_files_of_a_command_are_described(results, capsys):

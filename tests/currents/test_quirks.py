@@ -11,10 +11,10 @@ import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
+from drift.products import COLUMNS, LAT, LON, RECORDS, ROWS, hours, numbers, regular
 
 from jaxcell.base.doubts import Doubt
 from jaxcell.drift import open_currents
-from tests.drift.products import COLUMNS, LAT, LON, RECORDS, ROWS, hours, numbers, regular
 
 
 U, V = numbers()

@@ -22,7 +22,8 @@ def possible_observations(
 
     Observations that rest at exactly 0 N 0 E are fixes without satellites, also of a drifter that
     never had another fix. In the others, impossible moves cut a track into pieces. The longest
-    piece is kept, and of the pieces before and after it those that the nearest kept piece reaches.
+    piece is kept, and of the pieces before and after it those that the nearest kept piece reaches,
+    from the observation that it reaches on.
     Observations are sorted by drifter and time.
     """
     null = (lon == 0) & (lat == 0)
@@ -57,6 +58,7 @@ def _passable(
         for pieces_on in (pieces[longest:], [piece[::-1] for piece in pieces[longest::-1]]):
             last = pieces_on[0][0]
             for piece in pieces_on:
-                if reaches(last, piece[0]):
-                    kept[piece], last = True, piece[-1]
+                # Two fixes in a few seconds are apart by their errors only.
+                if (reached := reaches(np.full_like(piece, last), piece)).any():
+                    kept[piece[reached.argmax() :]], last = True, piece[-1]
     return kept

@@ -114,7 +114,7 @@ class CurrentStudy(SeaStudy):
 
     @property
     def said(self) -> dict[str, Any]:
-        """What the caller says of files that do not say it themselves."""
+        """The arguments of `open_currents` about what a file does not say."""
         return {name: getattr(self, name) for name in SAID}
 
     def read(self, **options: Any) -> "xarray.Dataset":

@@ -157,3 +157,14 @@ def test_an_error_of_a_position_is_no_impossible_move():
     lat = np.tile([0.0, 0.0009], 10)
     seen = drift.Trajectories.of(0 * lat, lat, np.arange(20.0), np.zeros(20, int))
     assert seen.lat.size == 20
+
+
+@pytest.mark.parametrize("at", [1, 40, 99])
+def test_two_fixes_in_a_few_seconds_do_not_cut_a_track(at):
+    """The second of two fixes is 1.5 km off, 15 s later; the others are half an hour apart."""
+    time, lat = 1800.0 * np.arange(100), 77 + 0.001 * np.arange(100)
+    time, lat = np.insert(time, at, time[at - 1] + 15), np.insert(lat, at, lat[at - 1] + 0.0135)
+    with pytest.warns(Doubt, match="1 of 101 observations are left out"):
+        seen = drift.Trajectories.of(np.full(101, 26.0), lat, time, np.zeros(101, int))
+    assert seen.time.size == 100
+    assert np.diff(seen.time).min() >= 1785
