@@ -14,6 +14,7 @@ import shapely
 from jaxtyping import Bool, Float, Int
 
 from ..base.documents import decode_json, read_text
+from ..base.intervals import clopper_pearson
 from ..base.quantities import Result, derived, quantity
 from ..mapping import Chain, ChainSequence
 from ..mapping.classes import reaching
@@ -22,7 +23,6 @@ from ..mapping.sequence import as_sequence, push_on_host
 from ..markov.hitting import leaving_times
 from .advection import drifted, longest_step
 from .flow import Flow, steps_in
-from .intervals import clopper_pearson
 from .long_term import LongTermBehaviour
 from .water import Water
 

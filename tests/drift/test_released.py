@@ -11,7 +11,7 @@ from oracles.points import RADIUS, PointDrifters
 from seas import sea, water_and_flow
 
 from jaxcell import bundled, drift, record, study
-from jaxcell.drift.intervals import clopper_pearson, drifters_for
+from jaxcell.base.intervals import clopper_pearson, drifters_for
 from jaxcell.drift.positions import in_degrees, on_the_grid
 
 

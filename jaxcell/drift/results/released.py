@@ -7,11 +7,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...base.formatting import counted, in_time, percent
+from ...base.intervals import clopper_pearson
 from ...base.quantities import Result, derived, quantity
 from ...currents.sphere import EARTH_RADIUS, on_sphere
 from ..beaches import coast
 from ..flow import Flow
-from ..intervals import clopper_pearson
 from ..positions import in_degrees
 from ..released_drifters import Release, push_release, release_drifters
 from ..validation.simulated_drifters import total_variation

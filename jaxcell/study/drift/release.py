@@ -84,7 +84,7 @@ class Release(WindowStudy):
     def run(self, say: Say = silent) -> "drift.Released":
         import numpy as np
 
-        from ...drift.intervals import drifters_for
+        from ...base.intervals import drifters_for
         from ...drift.released_drifters import points_around, points_in
 
         on, since, currents = self.window()
