@@ -17,6 +17,8 @@ _HOURS = {"h": 1, "s": 3600}
 _YEARS = 10 * 24 * 365.25
 # Numbers from here on are written as whole numbers.
 _WHOLE = 1000
+# Smaller extents are written as smaller than this length in metres, not as 0.
+_SMALLEST_EXTENT = 1e-3
 _UNITS = {None: "", "1": "", "degree": "°", "degrees_east": "°", "degrees_north": "°"}
 
 
@@ -61,7 +63,9 @@ def format_value(value: Any, about: Quantity, cells: Any = None) -> str:
     if about.kind == "index" and about.units is None:
         return f"#{int(number)}" if number >= 0 else "none"
     if not math.isfinite(number):
-        return "never" if about.kind == "time" else f"{number}"
+        return {"time": "never", "extent": "anywhere"}.get(about.kind, f"{number}")
+    if about.kind == "extent" and number < _SMALLEST_EXTENT:
+        return f"< {1000 * _SMALLEST_EXTENT:g} mm"
     if about.kind in ("share", "distribution"):
         return percent(number)
     if about.kind == "residual":

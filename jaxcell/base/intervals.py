@@ -1,4 +1,4 @@
-"""Exact confidence intervals of shares of drifters."""
+"""Exact confidence intervals of shares, such as shares of drifters or of robots."""
 
 import numpy as np
 import scipy.special
@@ -14,7 +14,7 @@ def clopper_pearson(
 ) -> tuple[Float[np.ndarray, "*shape"], Float[np.ndarray, "*shape"]]:
     """Compute the 95 % intervals of probabilities by Clopper and Pearson (1934).
 
-    `seen` are numbers of drifters, of the `released` ones. **Returns:** the lower and upper limits.
+    `seen` are numbers of successes, of `released` trials. **Returns:** the lower and upper limits.
     """
     limits = []
     for upper in (0, 1):

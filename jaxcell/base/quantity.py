@@ -6,8 +6,8 @@ from typing import Any, Literal, TypeAlias
 
 
 Kind: TypeAlias = Literal[
-    "cell", "coordinate", "count", "distribution", "flag", "index", "number", "place", "position",
-    "residual", "share", "text", "time",
+    "cell", "coordinate", "count", "distribution", "extent", "flag", "index", "number",
+    "place", "position", "residual", "share", "text", "time",
 ]  # fmt: skip
 """Kind of a quantity, which determines its format and its checks.
 
@@ -16,6 +16,7 @@ Kind: TypeAlias = Literal[
 - `count`: whole numbers from 0. `index`: whole numbers from -1, which stands for "no index".
 - `cell`, `position`: an `index` of a cell or a position of the result's `cells`.
 - `place`: a position that is written as a point in metres.
+- `extent`: the length of a set of possible places; infinite if all places are possible.
 - `time`: not negative; may be infinite. `flag`: true or false.
 - `residual`: error of a solver. `coordinate`: labels of a dimension. `text`: words, or an
     enumeration. `number`: any other number.

@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
 
-from ..base.formatting import counted
+from ..base.formatting import counted, percent
 from ..base.intervals import clopper_pearson
 from ..base.quantities import Checks, Result, derived, from_part, quantity
 from ..space import CellSpace
@@ -55,9 +55,10 @@ class Anywhere(Result):
         return (
             *self._worst,
             *self._disbelieved,
-            f"{100 * share:.3g} % of {self.robots:,} robots know where they are, to "
-            f"{self.radius:.3g} m{when}; {100 * self.lost_share:.3g} % are lost. "
-            f"{share_of_all(share, self.robots)}",
+            f"{100 * share:.3g} % of {self.crowd(share)} know where they are, to "
+            f"{self.radius:.3g} m{when}; {100 * self.lost_share:.3g} % are lost.",
+            *self._exact,
+            *self._outside,
         )
 
     @property
@@ -67,9 +68,41 @@ class Anywhere(Result):
         if start is None or worst is None:
             return ()
         bumps = sorted({*self.bump[:5].tolist(), int(self.bump[-1])})
-        known = ", ".join(f"{worst[bump - 1] / 2:.2g} m after {bump}" for bump in bumps)
+        within = [f"{half:.2g} m" if half >= 1e-3 else "less than 1 mm" for half in worst / 2]
+        known = ", ".join(f"{within[bump - 1]} after {bump}" for bump in bumps)
         x, y = start.place
-        return (f"From ({x:g} m, {y:g} m), each robot knows its place to within {known} bumps.",)
+        return (
+            f"From ({x:g} m, {y:g} m), each of {self.crowd()} knows its place to within {known} "
+            "bumps.",
+        )
+
+    def crowd(self, share: float | None = None) -> str:
+        """Describe the number of robots, and the 95 % interval of a share of them."""
+        if (self.trial.run == self.trial.run[0]).all():
+            return f"{self.robots:,} simulated robots (all the same)"
+        if share is None:
+            return f"{self.robots:,} simulated robots"
+        seen = np.array(round(share * self.robots))
+        low, high = (100 * limit for limit in clopper_pearson(seen, self.robots))
+        return f"{self.robots:,} simulated robots (likely {low:.3g} to {high:.3g} %)"
+
+    @property
+    def _exact(self) -> tuple[str, ...]:
+        """A sentence if headings are known and no error changes them."""
+        if self.filter.chords.width:
+            return ()
+        return ("Headings and turns are taken as exact, because no error of them is given.",)
+
+    @property
+    def _outside(self) -> tuple[str, ...]:
+        """A sentence with the robots that start outside the largest piece of the free space."""
+        if len(self._pieces) < 2 or self.filter.start is not None:
+            return ()
+        _, inside = max(self._pieces, key=lambda piece: piece[0].area)
+        return (
+            f"{percent(1 - inside.mean())} of the robots start outside the largest piece of the "
+            "free space, such as in a closed closet; piece=largest leaves them out.",
+        )
 
     @property
     def _disbelieved(self) -> tuple[str, ...]:
@@ -82,7 +115,8 @@ class Anywhere(Result):
             counts.append(f"{counted(count, 'bump')} for {share:.3g} % of the robots")
         unmapped = counted(self.trial.outliers, "random bump")
         return (
-            f"{unmapped} per robot not on the map: sets had to disbelieve {', '.join(counts)}.",
+            f"{unmapped} per robot not on the map: sets had to disbelieve {', '.join(counts)}; "
+            "the other sets explain such a bump by another place, or by the errors.",
         )
 
     @property
@@ -201,19 +235,19 @@ class Anywhere(Result):
     def bump(self) -> Int[np.ndarray, "bumps"]:
         return np.arange(1, self.trial.run.shape[1] + 1, dtype=np.int32)
 
-    @derived("bump", "extent of the places that are possible, in the median", "m")
+    @derived("bump", "extent of the places that are possible, in the median", "m", kind="extent")
     def median_extent(self) -> Float[np.ndarray, "bumps"]:
         return np.median(self.extent, axis=0)
 
-    @derived("bump", "largest extent of the robots, from a start region", "m")
+    @derived("bump", "largest extent of the robots, from a start region", "m", kind="extent")
     def largest_extent(self) -> Float[np.ndarray, "bumps"] | None:
         return None if self.filter.start is None else self.extent.max(axis=0)
 
-    @derived("bump", "extent that nine of ten robots do not exceed", "m")
+    @derived("bump", "extent that nine of ten robots do not exceed", "m", kind="extent")
     def extent_of_nine_tenths(self) -> Float[np.ndarray, "bumps"]:
         return np.quantile(self.extent, 0.9, axis=0, method="inverted_cdf")
 
-    @derived("robot bump", "extent of the places that are possible", "m")
+    @derived("robot bump", "extent of the places that are possible", "m", kind="extent")
     def extent(self) -> Float[np.ndarray, "robots bumps"]:
         # Bounds are moved outward by nanometres.
         return self.trial.extent.round(6)
@@ -272,13 +306,6 @@ class HomeFromAnywhere(Anywhere):
     title: ClassVar[str] = "Navigation of robots that start anywhere"
 
     homing: Homing
-    planned_bumps: Annotated[
-        float | None,
-        quantity("", "bumps of a plan that knows its start, in the median", kind="time"),
-    ]
-    planned_metres: Annotated[
-        float | None, quantity("", "length of a plan that knows its start, in the median", "m")
-    ]
 
     @property
     def answered(self) -> bool:
@@ -286,12 +313,32 @@ class HomeFromAnywhere(Anywhere):
 
     @property
     def answer(self) -> tuple[str, ...]:
-        bumps = self.median_bumps_until_home
+        bumps, share, (x, y) = self.median_bumps_until_home, self.arrived_share, self.homing.goal
         when = f", in the median after {counted(bumps, 'bump')}" if np.isfinite(bumps) else ""
-        home = f"{100 * self.arrived_share:.3g} % of the robots are at the goal and know it{when}."
-        if self.filter.start is not None and self.arrived_share == 1:
-            home = f"{home[:-1]}, and at the latest after {self.bumps_until_home.max():g} bumps."
-        return home, *super().answer
+        if self.filter.start is not None and share == 1:
+            when += f", and at the latest after {self.bumps_until_home.max():g} bumps"
+        return (
+            f"{100 * share:.3g} % of {self.crowd(share)} are within {self.homing.radius:.3g} m "
+            f"of ({x:g} m, {y:g} m) and know it{when}.",
+            *self._unarrived,
+            *super().answer,
+        )
+
+    @property
+    def _unarrived(self) -> tuple[str, ...]:
+        """A sentence with the reason why robots are not home, if there are such robots."""
+        others = ~np.isfinite(self.bumps_until_home)
+        if not others.any():
+            return ()
+        goal, across = np.array(self.homing.goal), 2 * self.homing.radius
+        at_goal = np.hypot(*(self.trial.place - goal).transpose(2, 0, 1)) <= self.homing.radius
+        at_goal = at_goal & others[:, np.newaxis]
+        were, rest = np.count_nonzero(at_goal.any(axis=1)), np.count_nonzero(others)
+        why = f"{were:,} of the {rest:,} others were there at a bump and did not know it"
+        if were:
+            extent = np.median(self.trial.extent[at_goal])
+            why += f": their sets were {extent:.2g} m long, the goal is {across:.2g} m wide"
+        return (f"{why}.",)
 
     @derived("", "robots that come to the goal and know it", kind="share")
     def arrived_share(self) -> float:
@@ -300,6 +347,12 @@ class HomeFromAnywhere(Anywhere):
     @derived("", "bumps until a robot is home, in the median", kind="time")
     def median_bumps_until_home(self) -> float:
         return float(np.median(self.bumps_until_home))
+
+    @derived("", "expected bumps of a robot that knows its pose at each bump", kind="time")
+    def known_bumps(self) -> float:
+        # Places are rounded to 20 cm, so the number may be a little larger than that of a robot.
+        start, heading = self.trial.start, self.trial.heading[:, 0]
+        return float(np.median(self.homing.expected(start, heading)))
 
     @derived("", "length of the way home of robots that arrive, in the median", "m")
     def median_metres(self) -> float:
@@ -310,11 +363,3 @@ class HomeFromAnywhere(Anywhere):
     def bumps_until_home(self) -> Float[np.ndarray, "robots"]:
         arrived = self.trial.arrived
         return np.where(arrived.any(axis=1), arrived.argmax(axis=1) + 1.0, np.inf)
-
-
-def share_of_all(share: float, robots: int) -> str:
-    """Write a sentence with the 95 % interval of the share of all robots, from that of some."""
-    low, high = clopper_pearson(np.array(round(share * robots)), robots)
-    return (
-        f"Of all robots it is {100 * float(low):.3g} to {100 * float(high):.3g} % (95 % interval)."
-    )

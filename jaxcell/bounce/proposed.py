@@ -12,7 +12,7 @@ from ..base.intervals import clopper_pearson
 from ..base.quantities import Checks, Result, derived, quantity
 from ..space import CellSpace
 from ..walls import Alike, alike_poses, is_localized
-from .anywhere import Anywhere, HomeFromAnywhere, share_of_all
+from .anywhere import Anywhere, HomeFromAnywhere
 
 
 # The number of starts whose poses are compared with all other poses, and of their headings.
@@ -50,9 +50,8 @@ class ProposedAngles(Result):
         share, median = float(self.share[number]), float(self.median[number])
         when = f", in the median after {counted(median, 'bump')}" if np.isfinite(median) else ""
         return (
-            f"Take {self.angles_deg[number]} degrees: {100 * share:.3g} % of {self.best.robots} "
-            f"robots {does}, to {self.best.radius:.3g} m{when}. "
-            f"{share_of_all(share, self.best.robots)}",
+            f"Take {self.angles_deg[number]} degrees: {100 * share:.3g} % of "
+            f"{self.best.crowd(share)} {does}, to {self.best.radius:.3g} m{when}.",
             *self._alike_poses,
         )
 

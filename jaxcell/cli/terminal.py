@@ -157,8 +157,8 @@ def show(result: Result, heading: str) -> None:
         say("The rest is in the files of --out, and in --json.")
 
 
-# A number, alone or with its unit.
-_NUMBER = re.compile(r"(over )?-?[\d,.]+(e[-+]\d+)?(°| [^\s\d]+)?")
+# A number, alone or with its unit, or an infinite extent.
+_NUMBER = re.compile(r"((over|<) )?-?[\d,.]+(e[-+]\d+)?(°| [^\s\d]+)?|anywhere")
 # The space between a number and its unit is replaced while lines are broken.
 _INSIDE, _JOINED = re.compile(r"(?<=\d) (?=[^\W\d]|%)|(?<=\(cell) (?=\d)"), "\0"
 

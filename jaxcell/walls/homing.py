@@ -118,6 +118,23 @@ class Homing(Shown):
     def _shifts(self, angles: Sequence[float]) -> list[int]:
         return [round(angle * self.slices / (2 * np.pi)) for angle in angles]
 
+    def expected(
+        self, place: Float[np.ndarray, "robots 2"], heading: Float[np.ndarray, "robots"]
+    ) -> Float[np.ndarray, "robots"]:
+        """Compute the expected bumps to the goal of robots that know their poses at each bump.
+
+        Robots start at places in metres with headings in radians. The number is infinite if it is
+        about 100 or larger.
+        """
+        wall, arc, _ = run_to_wall(self.filter.boundary, place, heading)
+        part = self.part_at(wall, arc)
+        slice_ = np.floor(heading * self.slices / (2 * np.pi) + 1e-6).astype(int)
+        after = [
+            self.bumps[(slice_ + shift) % self.slices, part] for shift in self._shifts(self.angles)
+        ]
+        more = np.where(self.arrived_parts[part], 0.0, np.min(after, axis=0))
+        return np.where(more < 0.99 * _NEVER, 1 + more, np.inf)
+
     def part_at(
         self, wall: Int[np.ndarray, "places"], arc: Float[np.ndarray, "places"]
     ) -> Int[np.ndarray, "places"]:

@@ -123,6 +123,10 @@ def test_only_robots_in_the_closet_cannot_be_localized(tmp_path):
     assert result.alike_share == locked.mean()
     (remark,) = result.remarks
     assert "For robots that start in the piece of 1 m² at (1.6 m, 1.6 m), 4 poses" in remark
+    assert "of the robots start outside the largest piece" in result.answer[-1]
+    inside = dataclasses.replace(study, piece="1.6,1.6", robots=2).run()
+    assert inside.radius == result.radius == 0.5
+    assert "outside" not in inside.answer[-1]
 
 
 def test_a_symmetry_of_the_closet_is_not_one_of_the_room(tmp_path):

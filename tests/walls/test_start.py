@@ -8,6 +8,9 @@ import shapely
 
 from jaxcell import space, walls
 from jaxcell.base.bundled import bundled
+from jaxcell.base.formatting import format_value
+from jaxcell.base.quantities import quantity
+from jaxcell.study.bounce.anywhere import NavigateAnywhere, region_of
 
 
 ERRORS = walls.Errors(run=0.02, distance=0.03, turn=math.radians(1), heading=math.radians(2))
@@ -99,3 +102,58 @@ def test_longer_runs_and_other_starts_are_refused():
     ):
         with pytest.raises(ValueError, match=message):
             walls.WallFilter.of(room, headings=8, start=region)
+
+
+@pytest.mark.parametrize(
+    ("text", "degrees"), [("1,1,North,0.1", 90), ("1,1, south", 270), ("1,1,East", 0)]
+)
+def test_a_word_of_a_compass_is_a_heading(text, degrees):
+    lab = space.Workspace.load(bundled("lab_b"))
+    assert region_of(lab, text, 8).heading == pytest.approx(math.radians(degrees))
+    with pytest.raises(ValueError, match="such as 1,1,90"):
+        region_of(lab, "1,1,Nowhere", 8)
+
+
+def navigate(goal, **given):
+    return NavigateAnywhere(
+        map=bundled("complex"), bounce=(45, 90, 135), goal=goal, measured=True, **given
+    ).run()
+
+
+def test_robots_from_one_pose_without_errors_are_the_same():
+    result = navigate("5,11", from_="1,1,North", robots=3, bumps=2)
+    assert result.homing.radius == pytest.approx(2.25)
+    first, why, known = result.answer[:3]
+    assert first.startswith("0 % of 3 simulated robots (all the same) are within ")
+    assert why == "0 of the 3 others were there at a bump and did not know it."
+    assert known == (
+        "From (1 m, 1 m), each of 3 simulated robots (all the same) knows its place to within "
+        "less than 1 mm after 1, less than 1 mm after 2 bumps."
+    )
+    assert "Headings and turns are taken as exact" in result.answer[4]
+
+
+def test_robots_that_are_there_and_do_not_know_it_are_counted():
+    wide = {"from_": "1,1,North,0.1", "robots": 12, "bumps": 8, "slices": 72}
+    result = navigate("1,12.5,0.6", errors=("run=0.02", "turn=0.02", "heading=0.05"), **wide)
+    there = np.hypot(*np.moveaxis(result.trial.place - (1, 12.5), 2, 0)) <= 0.6
+    others = np.isinf(result.bumps_until_home)
+    count = (there.any(axis=1) & others).sum()
+    assert f"{count} of the {others.sum()} others were there at a bump" in result.answer[1]
+    assert count
+    assert "(likely " in result.answer[0]
+
+
+def test_a_robot_that_knows_its_pose_needs_the_bumps_of_its_way():
+    room = space.Workspace([(0, 0), (4, 0), (4, 4), (0, 4)])
+    filter = walls.WallFilter.of(room, headings=8)
+    homing = walls.Homing(filter, (0.0, 2.0), 0.5, (math.pi,))
+    place = np.array([[1.0, 2.0], [1.0, 2.0], [1.0, 3.5]])
+    heading = np.array([math.pi, 0.0, 0.0])
+    np.testing.assert_allclose(homing.expected(place, heading), [1, 2, math.inf])
+
+
+def test_extents_are_written_as_anywhere_or_as_less_than_a_millimetre():
+    about = quantity("", "extent", "m", kind="extent")
+    written = [format_value(extent, about) for extent in (math.inf, 0.0, 1e-8, 0.25)]
+    assert written == ["anywhere", "< 1 mm", "< 1 mm", "0.25 m"]

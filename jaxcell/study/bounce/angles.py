@@ -6,10 +6,9 @@ from typing import Annotated, Any, ClassVar, Literal
 import tyro
 
 from ... import bounce as bouncing, walls
-from ..map_study import disc_at
 from ..parameters import AtLeastOne, Degrees, Limit, Needed, Pose
 from ..study import Say, radians, silent
-from .anywhere import AnywhereStudy
+from .anywhere import LOCALIZED, AnywhereStudy, goal_at
 
 
 # Sets of slices of headings are about as many times larger as the slices are wider. The search uses
@@ -33,7 +32,7 @@ class ChooseAngles(AnywhereStudy):
     """Task of the robot: to find out where it is (localize), or to come to a goal (navigate)."""
     goal: Annotated[Pose | None, Needed(for_="navigate")] = None
     """Goal, "x,y" or "x,y,radius" in metres. By default the radius is the side of a cell, or half a
-    metre if cells are smaller."""
+    metre if cells are smaller, or a quarter of a metre more than the distance to the nearest wall."""
     count: Annotated[int, Limit(ge=1, le=4)] = 3
     """Largest number of angles."""
     resolution: Annotated[Degrees, Limit(gt=0, le=180)] = 15.0
@@ -44,8 +43,8 @@ class ChooseAngles(AnywhereStudy):
     def run(self, say: Say = silent) -> "bouncing.ProposedAngles":
         cells = self.cells()
         assert cells.workspace is not None
-        goal = None if self.goal is None else disc_at(cells, self.goal, "goal")
-        radius = self.radius or (cells.cell / 2 if goal is None else goal[1])
+        goal = None if self.goal is None else goal_at(cells, self.goal)
+        radius = self.radius or (LOCALIZED if goal is None else goal[1])
         number = math.ceil(360 / self.resolution - 1e-9)
         angles = radians([self.resolution * (k + 1) for k in range(number - 1)]).tolist()
         say("finding the chords of the room")

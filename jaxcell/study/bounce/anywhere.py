@@ -17,8 +17,11 @@ from ..parameters import Angles, AtLeastOne, Count, Headings, Length, Limit, Onl
 from ..study import Say, about, numbers, radians, silent
 
 
-# The number of starts whose plans of cells are compared.
-_PLANS = 20
+# The default distance in metres within which a robot is localized.
+LOCALIZED = 0.5
+# The default number of robots: with exact headings, with other headings, and with outliers too.
+_ROBOTS = (1000, 100, 20)
+_COMPASS = {"east": "0", "north": "90", "west": "180", "south": "270"}
 _SEVERAL = Only(bounce=Count.SEVERAL)
 
 
@@ -33,8 +36,9 @@ class AnywhereStudy(RobotStudy):
 
     from_: Annotated[Pose | None, tyro.conf.arg(name="from")] = None
     """Region where all robots start, "x,y", "x,y,heading" or "x,y,heading,radius" in m and degrees,
-    such as a dock; by default they start anywhere. Without a radius it is a point. An empty heading
-    stands for all headings: "1,1,,0.1"."""
+    such as a dock; by default they start anywhere. Without a radius it is a point. The heading is
+    North (90), East (0) or another word or number; an empty one, "1,1,,0.1", stands for all the
+    directions of the map, or with an unknown `heading` for all headings."""
     start: Pose | None = None
     """Start of the first robot, "x,y,heading" in m and degrees; the others start at random, and by
     default the first, too."""
@@ -52,13 +56,14 @@ class AnywhereStudy(RobotStudy):
     outliers: Annotated[int, Limit(ge=0, le=3)] = 0
     """Number of bumps of each robot at things that are not on the map, such as a chair. Sets hold
     the robot although as many bumps were not on the map."""
-    robots: AtLeastOne = 200
-    """Number of robots."""
+    robots: AtLeastOne | None = None
+    """Number of robots; by default 1000, or 100 if headings are not exact, or 20 if with such
+    headings some bumps are not on the map (`outliers`)."""
     bumps: AtLeastOne = 30
     """Number of bumps of each robot."""
     radius: Length | None = None
     """Distance in metres within which a robot is localized: at a bump, the diagonal of the box
-    around all its possible places is at most twice as long. By default half a cell, or the radius
+    around all its possible places is at most twice as long. By default half a metre, or the radius
     of the goal."""
     slices: AtLeastOne = 360
     """Number of equal intervals into which headings are divided, if they are not known exactly."""
@@ -167,7 +172,7 @@ class AnywhereStudy(RobotStudy):
             workspace,
             filter,
             angles.tolist(),
-            robots=self.robots,
+            robots=self.robots or self._usual_robots(filter),
             bumps=self.bumps,
             headings=headings,
             goal=homing,
@@ -179,13 +184,17 @@ class AnywhereStudy(RobotStudy):
         )
         radius = self.radius
         if radius is None:
-            radius = cells.cell / 2 if goal is None else goal[1]
+            radius = LOCALIZED if goal is None else goal[1]
         driven: dict[str, Any] = {"cells": cells, "filter": filter, "bounces": angles}
         driven |= {"radius": radius, "trial": trial, "headings": headings}
         if homing is None:
             return bouncing.Anywhere(**driven)
-        planned = _planned(cells, angles, trial, homing.goal)
-        return bouncing.HomeFromAnywhere(**driven, homing=homing, **planned)
+        return bouncing.HomeFromAnywhere(**driven, homing=homing)
+
+    def _usual_robots(self, filter: "walls.WallFilter") -> int:
+        if not filter.chords.width:
+            return _ROBOTS[0]
+        return _ROBOTS[2] if self.outliers else _ROBOTS[1]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -234,10 +243,22 @@ class NavigateAnywhere(BouncingAnywhere):
 
     goal: Pose
     """Goal, "x,y" or "x,y,radius" in metres. By default the radius is the side of a cell, or half a
-    metre if cells are smaller."""
+    metre if cells are smaller, or a quarter of a metre more than the distance to the nearest wall,
+    where a robot can stop."""
 
     def run(self, say: Say = silent) -> Result:
-        return self.simulate(say, self.bounce, disc_at(self.cells(), self.goal, "goal"))
+        return self.simulate(say, self.bounce, goal_at(self.cells(), self.goal))
+
+
+def goal_at(cells: Any, text: Any) -> tuple[tuple[float, float], float]:
+    """Parse the goal "x,y" or "x,y,radius"; the default radius reaches the nearest wall."""
+    import shapely
+
+    goal, radius = disc_at(cells, text, "goal")
+    if len(str(text).split(",")) == 2:
+        away = cells.workspace.free_space.boundary.distance(shapely.Point(goal))
+        radius = max(radius, away + 0.25)
+    return goal, radius
 
 
 def pose_at(
@@ -249,7 +270,10 @@ def pose_at(
     headings, unless any heading is possible (`None`).
     """
     x, y, heading = numbers(
-        parameter, text, ("m", "m", "deg"), '"x,y,heading" in metres and degrees'
+        parameter,
+        ",".join(_with_degrees(text)),
+        ("m", "m", "deg"),
+        '"x,y,heading" in metres and degrees, such as 1,1,90 or 1,1,North',
     )
     with about(f"{parameter} {text!r}"):
         walls.StartRegion((x, y)).check(workspace)
@@ -261,12 +285,15 @@ def region_of(workspace: "space.Workspace", text: Any, headings: int | None) -> 
 
     The heading may be empty, for all headings. Its condition is that of `pose_at`.
     """
-    parts = text.split(",") if isinstance(text, str) else list(map(str, text))
+    parts = _with_degrees(text)
     any_heading = len(parts) > 2 and not parts[2].strip()
     if any_heading:
         parts[2] = "0"
     units = ("m", "m", "deg", "m")[: max(2, len(parts))]
-    expected = '"x,y", "x,y,heading" or "x,y,heading,radius" in metres and degrees'
+    expected = (
+        '"x,y", "x,y,heading" or "x,y,heading,radius" in metres and degrees, such as 1,1,90,0.1 or '
+        "1,1,North,0.1"
+    )
     x, y, *rest = numbers("from", ",".join(parts), units, expected)
     any_heading |= not rest
     heading = None if any_heading else _direction(text, "from", rest[0], headings)
@@ -274,6 +301,12 @@ def region_of(workspace: "space.Workspace", text: Any, headings: int | None) -> 
     with about(f"from {text!r}"):
         region.check(workspace)
     return region
+
+
+def _with_degrees(text: Any) -> list[str]:
+    """Split a pose at its commas, and replace the word of a compass by its angle in degrees."""
+    parts = text.split(",") if isinstance(text, str) else list(map(str, text))
+    return [*parts[:2], *(_COMPASS.get(part.strip().lower(), part) for part in parts[2:])]
 
 
 def check_start(
@@ -298,35 +331,3 @@ def _direction(text: Any, parameter: str, heading: float, headings: int | None) 
             f"degrees, got {heading:g}; expected such a heading, or a robot with an unknown heading"
         )
     return math.radians(heading if headings is None else round(heading / width) * width)
-
-
-def _planned(
-    cells: Any, angles: Any, trial: "walls.Trial", goal: tuple[float, float]
-) -> dict[str, Any]:
-    """Compute the median number of bumps and the median length in metres of plans among cells.
-
-    For comparison with a trial, plans lead to the goal from the starts of up to 20 of its robots.
-    The medians are `None` if an angle is not a multiple of the angle between directions.
-    """
-    import numpy as np
-
-    step = 2 * math.pi / cells.directions
-    if np.abs(angles / step - np.round(angles / step)).max() > 1e-9:
-        return {"planned_bumps": None, "planned_metres": None}
-    end = int(cells.index(*goal, 0.0)) % cells.positions
-    plans = []
-    for place, heading in zip(trial.start[:_PLANS], trial.heading[:_PLANS, 0], strict=True):
-        start = int(space.nearest_cell(cells, place[0], place[1], heading))
-        candidates = [
-            bouncing.plan(
-                cells, bounces=angles, start=start, goal=direction * cells.positions + end
-            )
-            for direction in range(0, cells.directions, max(1, cells.directions // 8))
-        ]
-        arriving = [candidate for candidate in candidates if candidate.found]
-        least = min(arriving, key=lambda candidate: candidate.bumps, default=None)
-        plans.append(
-            (math.inf, math.inf) if least is None else (least.bumps, least.steps * cells.cell)
-        )
-    bumps, metres = np.median(plans, axis=0).tolist()
-    return {"planned_bumps": bumps, "planned_metres": metres}
