@@ -6,11 +6,12 @@ import re
 import shlex
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from .. import automata, drift, patrol, space, sweep
 from ..base.documents import Fields
 from ..base.doubts import Doubt, warn
+from ..base.limits import Crop, Piece, Unknown
 from ..base.paths import absent, visible
 from ..base.results import MANIFEST, Manifest, check_result
 
@@ -33,7 +34,21 @@ _EXPORTS: dict[str, tuple[str, str, dict[str, str]]] = {
 }
 
 
-def describe(path: Path) -> dict[str, Any]:
+class Reading(NamedTuple):
+    """How maps, graphs and tables of trajectories are read, as the options of commands say."""
+
+    part: tuple[Unknown, Piece | None, Crop] = ("wall", None, None)
+    weight: str | None = None
+    directed: bool = False
+    max_speed: float | None = None
+
+    def open_trajectories(self, path: Any) -> drift.Trajectories:
+        """Read trajectories with the largest speed, if one is given."""
+        fastest = {} if self.max_speed is None else {"max_speed": self.max_speed}
+        return drift.open_trajectories(path, **fastest)
+
+
+def describe(path: Path, how: Reading | None = None) -> dict[str, Any]:
     """Describe a file: its kind, under the key `what`, and its content."""
     if not path.exists():
         raise absent(path)
@@ -43,7 +58,8 @@ def describe(path: Path) -> dict[str, Any]:
     suffix = path.suffix.lower()
     if suffix not in KINDS:
         raise ValueError(f"{path}: expected a file of a kind among {', '.join(KINDS)}")
-    return KINDS[suffix](path)
+    reader = KINDS[suffix]
+    return reader(path, how or Reading()) if reader in _CHOOSING else reader(path)
 
 
 def _directory(path: Path) -> dict[str, Any]:
@@ -173,14 +189,14 @@ def _recording(path: Path) -> dict[str, Any]:
     }
 
 
-def _json(path: Path) -> dict[str, Any]:
+def _json(path: Path, how: Reading) -> dict[str, Any]:
     try:
         fields = json.loads(_text(path))
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path}: not valid JSON, or cut short: {error}") from None
     match fields:
         case {"format": "jaxcell-map"}:
-            return _map(path)
+            return _map(path, how)
         case {"format": "jaxcell-robot-task"}:
             return _robot_task(path)
         case {"format": "jaxcell filter", "transition": [*rows], "cycles": [*cycles]}:
@@ -191,9 +207,9 @@ def _json(path: Path) -> dict[str, Any]:
                 "knowledge_cycles": len(cycles),
             }
         case {"nodes": _} | {"problem_params": _}:
-            return _graph(path)
+            return _graph(path, how)
         case {"verts": _} | {"type": "FeatureCollection" | "Feature" | "Polygon" | "MultiPolygon"}:
-            return _map(path)
+            return _map(path, how)
         case {"targets": _, "ways": _}:
             game = patrol.rounds.load_game(path)
             described = {"what": "a game of patrols", "vertices": len(game.names)}
@@ -210,14 +226,21 @@ def _json(path: Path) -> dict[str, Any]:
     )
 
 
-def _map(path: Path) -> dict[str, Any]:
+def _map(path: Path, how: Reading) -> dict[str, Any]:
     import numpy as np
 
-    workspace = space.Workspace.load(path)
+    from ..space.cells import suggested
+    from ..space.maps.map_server import about_map_server
+
+    ros = path.suffix.lower() in (".yaml", ".yml")
+    # The side of cells, which doctor does not choose, is no doubt here.
+    workspace, _, _ = suggested(path, 1.0, None, None, *how.part)
     width, height = np.ptp(np.asarray(workspace.boundary, float), axis=0).tolist()
     described = {
         "what": "a map",
+        "format": _map_format(path),
         "name": workspace.name,
+        **(about_map_server(_text(path), path.parent) if ros else {}),
         "width_m": round(width, 6),
         "height_m": round(height, 6),
         "obstacles": len(workspace.obstacles),
@@ -232,27 +255,53 @@ def _map(path: Path) -> dict[str, Any]:
     return described
 
 
-def _graph(path: Path) -> dict[str, Any]:
+def _map_format(path: Path) -> str:
+    suffix = path.suffix.lower()
+    if suffix in (".yaml", ".yml"):
+        return "map_server of ROS"
+    if suffix in (".txt", ".map"):
+        return "MovingAI" if _text(path).startswith("type ") else "ASCII grid"
+    document = json.loads(_text(path))
+    ours = document.get("format") == "jaxcell-map"
+    return "jaxcell" if ours else "HouseExpo" if "verts" in document else "GeoJSON"
+
+
+def _graph(path: Path, how: Reading) -> dict[str, Any]:
+    import numpy as np
+    import scipy.sparse
+
+    from ..patrol.files.graph_formats import parsed
     from ..patrol.rounds.game import about_unguarded
 
-    ways = patrol.files.load_ways(path)
+    vertices, edges, _ = parsed(path, how.weight)
+    ways = patrol.files.load_ways(path, how.weight, how.directed)
     for omitted in (*ways.omitted, *about_unguarded(ways, 1)):
         warn(f"{path}: {omitted}", Doubt)
     there = {*map(tuple, ways.ends.tolist())}
     one_way = sum((head, tail) not in there for tail, head in there)
     described = {"what": "a graph", "vertices": len(ways.names)}
     described["edges"] = (len(there) + one_way) // 2
-    return described | ({"one_way": one_way} if one_way else {})
+    described["one_way"] = one_way
+    size = len(ways.names)
+    joined = scipy.sparse.csr_array((np.ones(len(ways.ends)), tuple(ways.ends.T)), (size, size))
+    described["pieces"] = scipy.sparse.csgraph.connected_components(joined, False)[0]
+    first = vertices[0].attributes
+    on_earth = not {"x", "y", "pos"} & first.keys()
+    described["positions"] = "none" if ways.xy is None else "degrees" if on_earth else "metres"
+    if ways.lengths is None:
+        return described | {"lengths": "none: each edge takes one step"}
+    read = edges[0].length is not None
+    source = "great circles between ends" if on_earth else "distances of ends"
+    source = f"{how.weight or 'length'} of edges" if read else source
+    both = np.sort(ways.ends, axis=1) @ [size, 1]
+    total = ways.lengths[np.unique(both, return_index=True)[1]].sum()
+    return described | {"lengths": source, "total_length_m": round(float(total), 3)}
 
 
-def _map_or_graph(path: Path) -> dict[str, Any]:
-    try:
-        return _map(path)
-    except ValueError as no_map:
-        try:
-            return _graph(path)
-        except ValueError:
-            raise no_map from None
+def _map_or_graph(path: Path, how: Reading) -> dict[str, Any]:
+    text = _text(path)
+    words = re.search(r"(?m)^(?![#X@. ]+$)\w+[ \t,]+\w+", text)
+    return _graph(path, how) if words and not text.startswith("type ") else _map(path, how)
 
 
 def _robot_task(path: Path) -> dict[str, Any]:
@@ -308,9 +357,18 @@ def _export(path: Path) -> dict[str, Any]:
     return {"what": what, **title, **counts}
 
 
-def _geojson(path: Path) -> dict[str, Any]:
+def _geojson(path: Path, how: Reading) -> dict[str, Any]:
     text = _text(path)
-    return _graph(path) if "startid" in text else _map(path) if "Polygon" in text else _places(path)
+    if "startid" in text:
+        return _graph(path, how)
+    if "Polygon" in text:
+        return _map(path, how)
+    if "LineString" in text:
+        raise ValueError(
+            f"{path}: lines are neither a map nor a graph; expected polygons for a map, or for a "
+            "graph points with an id and lines with startid and endid, or GraphML as of OSMnx"
+        )
+    return _places(path)
 
 
 def _places(path: Path) -> dict[str, Any]:
@@ -335,14 +393,14 @@ def _places(path: Path) -> dict[str, Any]:
     }
 
 
-def _table(path: Path) -> dict[str, Any]:
-    seen = drift.open_trajectories(path)
+def _table(path: Path, how: Reading) -> dict[str, Any]:
+    seen = how.open_trajectories(path)
     return {"what": "trajectories, in a table", "drifters": seen.drifters}
 
 
-def _csv(path: Path) -> dict[str, Any]:
+def _csv(path: Path, how: Reading) -> dict[str, Any]:
     header = next(iter(_text(path).splitlines()), "").lower()
-    return _table(path) if "time" in header or "date" in header else _places(path)
+    return _table(path, how) if "time" in header or "date" in header else _places(path)
 
 
 def _picture(path: Path) -> dict[str, Any]:
@@ -367,7 +425,10 @@ def _text(path: Path) -> str:
         raise ValueError(f"{path}: not a text in UTF-8: {error.reason}") from None
 
 
-KINDS: dict[str, Callable[[Path], dict[str, Any]]] = {
+_CHOOSING = (_json, _map, _graph, _map_or_graph, _geojson, _table, _csv)
+"""The readers whose result depends on `Reading`."""
+
+KINDS: dict[str, Callable[..., dict[str, Any]]] = {
     ".jxb": _filter,
     ".jxf": _filter,
     ".nc": _netcdf,

@@ -9,9 +9,12 @@ import tyro
 
 from .. import drift, patrol, record, space
 from ..base.doubts import Doubt
+from ..base.limits import Unknown
 from ..base.optional_modules import import_module
 from ..base.paths import replacing
-from .described import describe
+from ..study.map_study import read_part
+from ..study.parameters import Headings, Pose
+from .described import Reading, describe
 from .output import Printing
 from .terminal import say, table
 
@@ -25,11 +28,28 @@ class Doctor(Printing):
     """
 
     example: ClassVar[str] = "@lab_a"
+    headings: ClassVar[Headings] = {
+        "How is a map read?": ("unknown", "piece", "crop"),
+        "How is a graph read?": ("weight", "directed"),
+        "How are trajectories read?": ("max_speed",),
+    }
 
     file: tyro.conf.Positional[tuple[Path, ...]]
-    """Files that jaxcell reads or writes, or folders of results."""
+    """Files that jaxcell reads or writes, or folders of them."""
     out: Path | None = None
     """File for a picture of a map, a graph, trajectories or currents, .png."""
+    unknown: Unknown = "wall"
+    """Meaning of unknown pixels of a ROS map, wall or free."""
+    piece: Pose | None = None
+    """Connected part of the free space: largest, all, or the part around the point "x,y"."""
+    crop: Pose | None = None
+    """Part of a map of squares to read: two opposite corners "x,y,x,y" in metres."""
+    weight: str | None = None
+    """Attribute of edges that is their length; by default length."""
+    directed: bool = False
+    """Take each edge of the file as one-way."""
+    max_speed: float | None = None
+    """Largest speed of drifters in m/s; by default 10."""
 
     def run(self) -> int:
         if not self.file:
@@ -38,7 +58,10 @@ class Doctor(Printing):
             raise ValueError(f"out: expected one file to draw, got {len(self.file)}")
         one_sea = len(self.file) > 1 and all(map(_may_be_current, self.file))
         sources = [self.file] if one_sea else [(path,) for path in self.file]
-        reports = [examine(*paths) for paths in sources]
+        part = read_part(self.unknown, self.piece, self.crop)
+        how = Reading(part, self.weight, self.directed, self.max_speed)
+        reports = [examine(*paths, how=how) for paths in sources]
+        self._check_options([report["what"] for report in reports])
         if self.json:
             say(json.dumps(reports[0] if len(reports) == 1 else reports))
         else:
@@ -47,8 +70,17 @@ class Doctor(Printing):
                 rows = [(name.replace("_", " "), _shown(value)) for name, value in shown.items()]
                 table(", ".join(map(str, paths)), ("", ""), rows)
         if self.out is not None:
-            save_picture(self.file[0], reports[0]["what"], self.out)
+            save_picture(self.file[0], reports[0]["what"], self.out, how)
         return int(any(report["doubts"] for report in reports))
+
+    def _check_options(self, kinds: list[str]) -> None:
+        """Refuse options that have no effect on any of the files."""
+        of_kinds = zip(("a map", "a graph", "trajectories"), self.headings.values(), strict=True)
+        for kind, names in of_kinds:
+            if not any(what.startswith((kind, "a folder")) for what in kinds):
+                for name in names:
+                    if getattr(self, name) not in (None, False, "wall"):
+                        raise ValueError(f"{name}: it has an effect on {kind}, not on {kinds[0]}")
 
 
 def _may_be_current(path: Path) -> bool:
@@ -56,45 +88,67 @@ def _may_be_current(path: Path) -> bool:
         return bool(re.match("currents|a NetCDF file", describe(path)["what"]))
 
 
-def examine(path: Path, *others: Path) -> dict[str, Any]:
+def examine(path: Path, *others: Path, how: Reading) -> dict[str, Any]:
     """Describe a file as `describe` does, with what commands read from it, and its `doubts`.
 
-    The `others` are more files of the same currents, such as those of v.
+    The `others` are more files of the same currents, such as those of v. A folder that is no result
+    has the kind of each of its files, and their doubts.
     """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        described = describe(path)
+        described = describe(path, how)
         if re.match("currents|trajectories|a NetCDF file", described["what"]):
-            described |= _sea((path, *others), described["what"])
-    doubts = [str(one.message) for one in caught if issubclass(one.category, Doubt | UserWarning)]
-    options = [
-        re.sub(r'`(\w+)(?:="(\w+)")?`', lambda found: _option(*found.groups()), doubt)
-        for doubt in dict.fromkeys(doubts)
+            described |= _sea((path, *others), described["what"], how)
+    if described["what"] == "a folder":
+        return _folder(path, described, how)
+    said: dict[bool, list[str]] = {True: [], False: []}
+    for one in caught:
+        text = _with_options(str(one.message))
+        if issubclass(one.category, UserWarning) and text not in said[True] + said[False]:
+            said[issubclass(one.category, Doubt)].append(text)
+    notes = [
+        note for note in described.get("notes", []) if not any(note in one for one in said[True])
     ]
-    if notes := described.get("notes"):
-        described["notes"] = [note for note in notes if not any(note in one for one in options)]
-    return described | {"doubts": options}
+    if notes := notes + said[False]:
+        described["notes"] = notes
+    return described | {"doubts": said[True]}
+
+
+def _folder(path: Path, described: dict[str, Any], how: Reading) -> dict[str, Any]:
+    kinds, doubts = {}, []
+    for name in described["files"]:
+        try:
+            report = examine(path / name, how=how)
+            kinds[name], more = report["what"], report["doubts"]
+        except (ValueError, OSError, MemoryError) as error:
+            kinds[name], more = "not read", [str(error)]
+        doubts += [one if name in one else f"{name}: {one}" for one in more]
+    return described | {"files": kinds, "doubts": doubts}
+
+
+def _with_options(doubt: str) -> str:
+    return re.sub(r'`(\w+)(?:="(\w+)")?`', lambda found: _option(*found.groups()), doubt)
 
 
 def _option(name: str, value: str | None) -> str:
     return f"--{name.replace('_', '-')} {value or ''}".strip()
 
 
-def _sea(path: tuple[Path, ...], what: str) -> dict[str, Any]:
+def _sea(path: tuple[Path, ...], what: str, how: Reading) -> dict[str, Any]:
     """Read trajectories or currents as the commands do, and say what they are taken for."""
     errors = []
     for kind, read in (("trajectories", _of_trajectories), ("currents", _of_currents)):
         if what.startswith((kind, "a NetCDF file")):
             try:
-                return {"what": re.sub("^[^:,]*", kind, what), **read(path)}
+                return {"what": re.sub("^[^:,]*", kind, what), **read(path, how)}
             except (ValueError, MemoryError) as error:
                 errors.append(f"not read as {kind}: {error}")
     warnings.warn("; ".join(errors), Doubt, stacklevel=2)
     return {}
 
 
-def _of_trajectories(path: tuple[Path, ...]) -> dict[str, Any]:
-    seen = drift.open_trajectories(path)
+def _of_trajectories(path: tuple[Path, ...], how: Reading) -> dict[str, Any]:
+    seen = how.open_trajectories(path)
     spans = {"longitudes": seen.lon, "latitudes": seen.lat, "seconds": seen.time}
     return {
         "drifters": seen.drifters,
@@ -104,7 +158,7 @@ def _of_trajectories(path: tuple[Path, ...]) -> dict[str, Any]:
     }
 
 
-def _of_currents(path: tuple[Path, ...]) -> dict[str, Any]:
+def _of_currents(path: tuple[Path, ...], how: Reading) -> dict[str, Any]:
     from ..currents.ocean import read_moments
 
     times, sea = read_moments(path), drift.open_currents(path, mean=True)
@@ -121,21 +175,21 @@ def _of_currents(path: tuple[Path, ...]) -> dict[str, Any]:
     }
 
 
-def save_picture(path: Path, what: str, out: Path) -> None:
+def save_picture(path: Path, what: str, out: Path, how: Reading) -> None:
     """Draw a map, a graph, trajectories or currents, as commands read them, in a PNG file."""
     figure = import_module("matplotlib.figure").Figure(layout="constrained")
     ax = figure.add_subplot()
     kind = re.split("[:,]", what)[0]
     with warnings.catch_warnings(action="ignore"):
         if kind == "a map":
-            room, cell, _ = space.cells.suggested(path, None, None, None)
+            room, cell, _ = space.cells.suggested(path, None, None, None, *how.part)
             record.plot(space.CellSpace.of(room, cell, 1), ax=ax)
         elif kind == "a graph":
-            ways = patrol.files.load_ways(path)
+            ways = patrol.files.load_ways(path, how.weight, how.directed)
             edges = {tuple(sorted(pair)) for pair in ways.ends.tolist()}
             record.plot(patrol.Graph(sorted(edges), len(ways.names), ways.xy), ax=ax)
         elif kind == "trajectories":
-            seen = drift.open_trajectories(path)
+            seen = how.open_trajectories(path)
             ax.scatter(seen.lon, seen.lat, 2, seen.drifter, cmap="tab20")
         elif kind == "currents":
             sea = drift.open_currents(path, mean=True)

@@ -295,6 +295,9 @@ def suggested(
     changed: dict[str, Any] = {"robot_radius": robot_radius, "piece": piece}
     if changed := {name: value for name, value in changed.items() if value is not None}:
         workspace = dataclasses.replace(workspace, **changed)
+    if piece is None and workspace.piece == "all" and workspace.pieces > 1:
+        many = f"the free space has {workspace.pieces:,} separate pieces"
+        warn(f"{workspace.name}: {many}: all are used; for one of them, set `piece`", Doubt)
     side = workspace.cell if cell is None else cell
     if side is None:
         side = _usual_side(workspace)

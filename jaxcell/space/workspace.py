@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 
 from ..base.bundled import with_path
 from ..base.doubts import Doubt, warn
+from ..base.formatting import percent
 from ..base.limits import Crop, Piece, Unknown
 from ..base.shown import Pictured
 from .maps.grid_files import grid_fields
@@ -186,7 +187,7 @@ class Workspace(Pictured):
             other = "one of them, set `piece`" if small else 'all of them, set `piece="all"`'
             pieces = f"the free space has {parts.size:,} separate pieces"
             name = f"{self.name}: " if self.name else ""
-            warn(f"{name}{pieces}: {used} {share:.4%} of its area; for {other}", Doubt)
+            warn(f"{name}{pieces}: {used} {percent(share)} of its area; for {other}", Doubt)
             if small:
                 return self._whole_space
         return parts[kept]

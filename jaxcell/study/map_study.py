@@ -26,6 +26,16 @@ _Cut: TypeAlias = tuple[Any, float | None, int | None, float | None, Unknown, Pi
 DIRECTION_DEG = 0.01
 
 
+def read_part(unknown: Unknown, piece: Any, crop: Any) -> tuple[Unknown, Piece | None, Crop]:
+    """Return the meaning of unknown pixels, and the numbers of the options `piece` and `crop`."""
+    if piece not in (None, "all", "largest"):
+        x, y = numbers("piece", piece, "mm", '"x,y" in metres, largest or all')
+        piece = x, y
+    if crop is not None:
+        crop = tuple(numbers("crop", crop, "mmmm", '"x,y,x,y" in metres'))
+    return unknown, piece, crop
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CellStudy(Study):
     """Base class of studies on the cells of a map."""
@@ -103,14 +113,7 @@ class CellStudy(Study):
 
     @property
     def _part(self) -> tuple[Unknown, Piece | None, Crop]:
-        piece: Any = self.piece
-        if piece not in (None, "all", "largest"):
-            x, y = numbers("piece", piece, "mm", '"x,y" in metres, largest or all')
-            piece = x, y
-        crop: Any = self.crop
-        if crop is not None:
-            crop = tuple(numbers("crop", crop, "mmmm", '"x,y,x,y" in metres'))
-        return self.unknown, piece, crop
+        return read_part(self.unknown, self.piece, self.crop)
 
     @property
     def _cut(self) -> _Cut:

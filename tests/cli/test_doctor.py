@@ -143,7 +143,7 @@ def test_unknown_and_missing_files_are_refused(tmp_path, capsys):
         assert str(path) in capsys.readouterr().err
 
 
-SQUARES = "type octile\nheight 1\nwidth 5\nmap\n..@..\n"
+SQUARES = "type octile\nheight 1\nwidth 5\nmap\n....@\n"
 
 
 def test_doubts_are_listed_with_the_options_that_settle_them(tmp_path, capsys):
@@ -168,7 +168,7 @@ def test_doubts_are_listed_with_the_options_that_settle_them(tmp_path, capsys):
     assert "scan.pgm: 12 pixels of grey 205 are walls" in grey
     assert grey.endswith("use --unknown free")
     # 288 free squares on the right and 12 on the left.
-    assert "2 separate pieces: only the largest is used, with 96.0000% of its area" in piece
+    assert "2 separate pieces: only the largest is used, with 96 % of its area" in piece
     assert piece.endswith("for all of them, set --piece all")
     assert main(["doctor", both[0], "--out", str(picture)]) == 1
     assert picture.read_bytes().startswith(b"\x89PNG")
@@ -198,3 +198,67 @@ def test_a_file_that_no_command_reads_is_doubtful(tmp_path, capsys):
     [doubt] = json.loads(capsys.readouterr().out)["doubts"]
     assert doubt.startswith("not read as trajectories: ")
     assert "; not read as currents: " in doubt
+
+
+def report_of(capsys, *words):
+    """Run the doctor; return its exit status and its report."""
+    status = main(["doctor", *map(str, words), "--json"])
+    return status, json.loads(capsys.readouterr().out)
+
+
+def test_two_pieces_of_any_map_are_doubted_until_one_is_chosen(tmp_path, capsys):
+    (tmp_path / "rooms.map").write_text("type octile\nheight 1\nwidth 5\nmap\n.@..@\n")
+    (tmp_path / "rooms.txt").write_text("#.#..#\n")
+    wall = [[2, 0], [3, 0], [3, 1], [2, 1]]
+    plan = {"format": "jaxcell-map", "version": 1, "obstacles": [wall]}
+    plan["boundary"] = [[0, 0], [9, 0], [9, 1], [0, 1]]
+    (tmp_path / "rooms.json").write_text(json.dumps(plan))
+    for name in ("rooms.map", "rooms.txt", "rooms.json"):
+        status, report = report_of(capsys, tmp_path / name)
+        assert (status, report["pieces"]) == (1, 2)
+        assert "rooms: the free space has 2 separate pieces: all are used" in report["doubts"][0]
+        assert report["doubts"][0].endswith("set --piece")
+        for piece, pieces in (("largest", 1), ("all", 2)):
+            status, report = report_of(capsys, tmp_path / name, "--piece", piece)
+            assert (status, report["pieces"]) == (0, pieces)
+
+
+def test_maps_and_graphs_are_described_with_what_they_are_taken_for(tmp_path, capsys):
+    pixels = np.full((4, 6), 254, np.uint8)
+    pixels[0, :3], pixels[3, 0] = 205, 0
+    (tmp_path / "scan.pgm").write_bytes(b"P5\n6 4\n255\n" + pixels.tobytes())
+    lines = ["image: /elsewhere/scan.pgm", "resolution: 0.1", "origin: [0, 0, 90]", "negate: 0"]
+    lines += ["occupied_thresh: 0.65", "free_thresh: 0.196"]
+    (tmp_path / "scan.yaml").write_text("\n".join(lines))
+    _, report = report_of(capsys, tmp_path / "scan.yaml")
+    expected = {"unknown_pixels": 3, "pixel_m": 0.1, "yaw_rad": 90.0, "format": "map_server of ROS"}
+    assert expected.items() <= report.items()
+    assert report["mode"] == "trinary, as in ROS 1"
+    assert "there is no such file" in report["notes"][0]
+    [yaw] = report["doubts"]
+    assert yaw.endswith(
+        "the yaw of origin is 90 radians, more than a turn; if it means degrees, write 1.5708"
+    )
+    (tmp_path / "weighted.txt").write_text("% sym\n1 2 3\n2 3 10\n4 5 4\n")
+    assert main(["doctor", str(tmp_path / "weighted.txt")]) == 2
+    assert "if it is an edge with its length, set --weight" in capsys.readouterr().err
+    _, report = report_of(capsys, tmp_path / "weighted.txt", "--weight", "km")
+    expected = {"edges": 3, "one_way": 0, "pieces": 2, "lengths": "km of edges"}
+    assert (expected | {"positions": "none", "total_length_m": 17.0}).items() <= report.items()
+    assert (
+        main(["doctor", str(tmp_path / "weighted.txt"), "--weight", "km", "--crop", "0,0,1,1"]) == 2
+    )
+    assert "--crop: it has an effect on a map, not on a graph" in capsys.readouterr().err
+
+
+def test_lines_and_folders_are_said(tmp_path, capsys):
+    line = {"type": "LineString", "coordinates": [[7, 46], [7.001, 46]]}
+    text = json.dumps({"type": "FeatureCollection", "features": [{"geometry": line}]})
+    (tmp_path / "streets.geojson").write_text(text)
+    assert main(["doctor", str(tmp_path / "streets.geojson")]) == 2
+    assert "lines are neither a map nor a graph" in capsys.readouterr().err
+    (tmp_path / "clean.map").write_text(SQUARES)
+    status, report = report_of(capsys, tmp_path)
+    assert status == 1
+    assert report["files"] == {"clean.map": "a map", "streets.geojson": "not read"}
+    assert "lines are neither" in report["doubts"][-1]

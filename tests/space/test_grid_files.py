@@ -348,10 +348,10 @@ def png(array):
         (b"", "expected a PGM, PNG or BMP image"),
         (b"GIF89a", "expected a PGM, PNG or BMP image"),
         (b"P5\n0 0\n255\n", "expected a PGM, PNG or BMP image"),
-        (b"P5\n2 2\n0\n\x00\x00\x00\x00", "broken or cut short: maxval must be greater than 0"),
+        (b"P5\n2 2\n0\n\x00\x00\x00\x00", "broken or cut short; copy or save"),
         (b"P5\n20000 20000\n255\n", "too large: 20,000 x 20,000 pixels; expected at most"),
-        (b"P5\n2 2\n255\n\xfe\xfe\xfe", "broken or cut short: "),
-        (b"P2\n2 2\n255\n254 254 25x 254", "broken or cut short: "),
+        (b"P5\n2 2\n255\n\xfe\xfe\xfe", "broken or cut short; copy or save"),
+        (b"P2\n2 2\n255\n254 254 25x 254", "broken or cut short; copy or save"),
         (b"Pf\n1 1\n1.0\n\x00\x00\x00\x00", "expected grey or colour of 8 bits, or grey of 16"),
     ],
 )

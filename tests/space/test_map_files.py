@@ -134,7 +134,7 @@ CONTENTS = [
     [
         *(("map.json", json.dumps(ROOM | change).encode(), message) for change, message in FIELDS),
         *(("map.json", content, message) for content, message in CONTENTS),
-        ("map.svg", b"", "unknown format '.svg'; expected .json, .yaml or .yml (map_server), .txt"),
+        ("map.svg", b"", "unknown format '.svg'; expected .json or .geojson (polygons), .yaml"),
         ("map", b"", "unknown format ''"),
         ("map.pgm", b"", "an image alone has no scale"),
         ("map.PNG", b"", "an image alone has no scale"),

@@ -304,14 +304,15 @@ def _parse_list(weight: str | None, text: str) -> Parts:
         if len(words) == 3 and words[2] == "{}":
             words.pop()
         if weight is not None and len(words) > 2:
-            edges.append(Edge(field, *words[:3]))
+            edges.append(Edge(field, words[0], words[1], words[2]))
         elif len(words) == 3:
             name, x, y = words
             vertices.append(Vertex(field, name, {"x": x, "y": y}))
         elif len(words) == 2:
-            edges.append(Edge(field, *words))
+            edges.append(Edge(field, words[0], words[1]))
         elif words:
-            raise refused(field, "a vertex (name x y) or an edge (name name)", line.strip())
+            expected = "a vertex (name x y) or an edge (name name), words with spaces between"
+            raise refused(field, expected, line.strip())
     if vertices and not edges:
         raise ValueError(
             "it has no edges: a line of three words is a vertex, name x y; if it is an edge with "

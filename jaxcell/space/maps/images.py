@@ -22,7 +22,7 @@ def read_image(content: bytes, formats: tuple[str, ...] | None = None) -> Image.
     except Image.UnidentifiedImageError:
         raise
     except Exception as error:  # Pillow's decoders raise many types of errors for broken files.
-        raise ValueError(f"broken or cut short: {error}") from error
+        raise ValueError("broken or cut short; copy or save the picture again") from error
     finally:
         Image.MAX_IMAGE_PIXELS = usual
     if too_large:

@@ -1,6 +1,8 @@
 """Read and write the grid maps of ROS map_server: a YAML file that names an image."""
 
 import json
+import math
+import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path, PureWindowsPath
 from typing import Any
@@ -57,6 +59,37 @@ def parse_map_server(
     The path of the image is relative to `folder`; an image beside the YAML file replaces one that
     is missing. Returns keyword arguments of `Workspace`.
     """
+    image, resolution, (x, y, yaw), how = _settings(text, folder)
+    try:
+        free_pixels = _free_pixels(*how, unknown)
+    except ValueError as error:
+        raise ValueError(f"image: {image}: {error}") from error
+    fields = grid_fields(~free_pixels[::-1], (x, y), resolution, yaw, crop)
+    return {**fields, "piece": "main"}
+
+
+def about_map_server(text: str, folder: Path) -> dict[str, Any]:
+    """Describe how a map that [`parse_map_server`][] reads is read, and count unknown pixels."""
+    with warnings.catch_warnings(action="ignore"):
+        _, resolution, (_, _, yaw), how = _settings(text, folder)
+        walls, free = _free_pixels(*how, "wall"), _free_pixels(*how, "free")
+    path, mode, _, thresholds = how
+    return {
+        "image": str(path),
+        "mode": mode or "trinary, as in ROS 1",
+        "pixel_m": resolution,
+        "yaw_rad": yaw,
+        "free_and_occupied_thresh": list(thresholds),
+        "unknown_pixels": int((free & ~walls).sum()),
+    }
+
+
+def _settings(
+    text: str, folder: Path
+) -> tuple[str, float, tuple[float, float, float], tuple[Path, str, bool, tuple[float, float]]]:
+    """Check a YAML file; return the name of the image, the resolution, the origin, and how pixels
+    are read: the path of the image, the mode, `negate`, and the thresholds of free and occupied.
+    """
     try:
         # All scalars as text, because in YAML 1.1 `5e-2` is no number and `no` is a Boolean.
         document = yaml.load(text, Loader=_Loader)
@@ -80,10 +113,12 @@ def parse_map_server(
     if not isinstance(origin, list) or len(origin) != 3:
         raise refused("origin", "[x, y, yaw]", origin)
     x, y, yaw = (read_number("origin", text) for text in origin)
+    if abs(yaw) > 2 * math.pi:
+        said = f"the yaw of origin is {yaw:g} radians, more than a turn; if it means degrees"
+        warn(f"{document['image']}: {said}, write {math.radians(yaw):.6g}", Doubt)
     resolution = read_side("resolution", document["resolution"])
     occupied = read_number("occupied_thresh", document["occupied_thresh"])
     free = read_number("free_thresh", document["free_thresh"])
-    thresholds = free, occupied
     if not 0 <= free <= occupied <= 1:
         raise ValueError(
             "free_thresh, occupied_thresh: expected 0 <= free_thresh <= occupied_thresh <= 1, "
@@ -95,15 +130,10 @@ def parse_map_server(
     path = folder / document["image"]
     beside = folder / PureWindowsPath(document["image"]).name
     if not path.is_file() and beside.is_file():
-        warn(f"{path}: there is no such file; {beside}, beside the .yaml file, is read", Doubt)
+        warn(f"{path}: there is no such file; {beside}, beside the .yaml file, is read")
         path = beside
     mode = mode if "mode" in document else ""
-    try:
-        free_pixels = _free_pixels(path, mode, negate, thresholds, unknown)
-    except ValueError as error:
-        raise ValueError(f"image: {document['image']}: {error}") from error
-    fields = grid_fields(~free_pixels[::-1], (x, y), resolution, yaw, crop)
-    return {**fields, "piece": "main"}
+    return document["image"], resolution, (x, y, yaw), (path, mode, negate, (free, occupied))
 
 
 def format_map_server(

@@ -51,11 +51,12 @@ def plan_fields(document: Mapping[str, Any], file: str) -> dict[str, Any]:
     outside = sum(not outer.envelope.covers(polygon.envelope) for polygon in inner)
     if outside:
         raise ValueError(
-            f"{outside:,} polygons are outside the largest; expected one polygon around "
-            "all others, such as the outline of the building"
+            f"{outside:,} of {len(polygons):,} polygons are outside the largest; expected one "
+            "around all others, such as the outline of the building; of rooms that touch, save the "
+            "union (in Python: shapely.union_all)"
         )
     if inner:
-        warn(f"{file}: polygons within the largest, taken as obstacles: {len(inner):,}", Doubt)
+        warn(f"{file}: polygons within the largest, taken as obstacles: {len(inner):,}")
     rings = [ring.coords for ring in outer.interiors]
     return {
         "boundary": outer.exterior.coords,
