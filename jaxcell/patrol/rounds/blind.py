@@ -50,7 +50,7 @@ class _Flow(NamedTuple):
 
 @functools.lru_cache(maxsize=4)
 def _least_flow(game: Game) -> _Flow | None:
-    """Solve the linear program of [`least_risk`][]."""
+    """Solve the linear program of `least_risk`."""
     if game.components[0] > 1 or (clock := clock_of(game)) is None:
         return None
     attack = game.attack / clock.unit
@@ -95,7 +95,7 @@ def least_risk(game: Game) -> float | None:
     """Compute the least risk of all strategies for an adversary who comes at a random time.
 
     The variables of a linear program are the shares of time for moves between the states of
-    [`safe_routes`][], whose sum into a state is that out of it. The risk is the largest value of a
+    `safe_routes`, whose sum into a state is that out of it. The risk is the largest value of a
     target times the share of moments at which an attack begins that succeeds.
 
     **Returns:** the risk, or `None` if times have no common unit, or there are too many moves.
@@ -104,7 +104,7 @@ def least_risk(game: Game) -> float | None:
 
 
 def blind_schedules(game: Game) -> list[tuple[Route, ...]]:
-    """Return the cycles of [`least_risk`][], whose mixture has this risk; none if it is `None`."""
+    """Return the cycles of `least_risk`, whose mixture has this risk; none if it is `None`."""
     if (flow := _least_flow(game)) is None:
         return []
     schedules = []

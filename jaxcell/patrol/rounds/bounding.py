@@ -37,8 +37,8 @@ def bound(game: Game) -> Bound:
     length. For up to 14 targets and 4 robots, the sets of targets on such walks are computed, and
     a linear program mixes them; otherwise the number of targets on walks is bounded by the shortest
     edges of a spanning tree. One robot needs the shortest closed tour between visits to a target.
-    In small games with whole times all joint schedules are compared, by [`safe_routes`][] and
-    [`least_risk`][]. For a watcher, [`watched_risk`][] bounds random walks, too.
+    In small games with whole times all joint schedules are compared, by `safe_routes` and
+    `least_risk`. For a watcher, `watched_risk` bounds random walks, too.
 
     One robot on a cycle of four vertices, where attacks take 3 steps:
 

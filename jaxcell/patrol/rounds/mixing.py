@@ -60,7 +60,7 @@ def best_routes(game: Game) -> tuple[Route, ...]:
     """Search for routes of robots with the least risk.
 
     These are the routes of [`best_rounds`][] or, if an attack on them succeeds, those of
-    [`safe_routes`][] where some exist. For an adversary who comes at a random time, robots also
+    `safe_routes` where some exist. For an adversary who comes at a random time, robots also
     stay at some targets of their tours while others are not late. For up to 14 targets and 2
     robots, or 11 targets and 4 robots, rounds through some of the targets are repeated in turn,
     each for a share of a long period, if the risk is then less by 2 % of the largest value. The
