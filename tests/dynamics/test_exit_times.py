@@ -74,7 +74,7 @@ def test_times_and_derivatives_are_those_of_dense_matrices(axes):
     assert found.residual.max() < 1e-7
 
 
-def test_what_is_beyond_a_clamped_side_is_in_a_region_that_ends_inside_its_last_cell():
+def test_points_beyond_a_clamped_side_are_in_a_region_that_ends_inside_its_last_cell():
     cells, noise = 40, 0.3
     box, width = Box([-2.0], [2.0], [cells], "clamp"), 0.1
     line = dynamics.System(
@@ -163,6 +163,7 @@ def test_deeper_wells_are_solved_without_subtractions():
     ("change", "message"),
     [
         ({"name": "b"}, "name: expected one of a, got 'b'"),
+        ({"name": "aa"}, "got 'aa'; did you mean a"),
         ({"values": [np.nan]}, "values: expected finite numbers, one for each member"),
         ({"noise": 0.0}, "noise: expected 2 numbers above 0, got 0.0"),
         ({"into": None}, "into: expected a region where the system ends"),
