@@ -1,5 +1,7 @@
 """Times until noisy systems leave, compared with quadrature, Nystrom's method and matrices."""
 
+import re
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -171,7 +173,20 @@ def test_time_to_extinction_of_a_ricker_population(noise, box):
     assert found.mean_time == pytest.approx(known, rel=0.01)
     # A large population starves: the next one has 1.5 (1 - exp(x)) more.
     assert 1.2 < found.path[-1, 0] < 1.5
-    assert f"ends with a mapping from x0 = {found.path[-1, 0]:.3g}." in found.answer[1]
+    assert f"the most probable path, from {found.path[-1, 0]:.3g}." in found.answer[1]
+    # The place of the last mapping: visits to it, times the probability of extinction.
+    begin = norm.pdf(nodes, 0, noise) * weights
+    visits = np.linalg.solve(np.eye(nodes.size) - kernel.T, begin)
+    leaves = (visits * norm.cdf(np.log(0.05), image, noise)).cumsum()
+    low, high = np.interp([0.05, 0.95], leaves / leaves[-1], nodes)
+    said = re.search(r"90 % of the runs leave from x0 = (\S+) to (\S+);", found.answer[1])
+    width = found.box.width[0]
+    np.testing.assert_allclose([float(one) for one in said.groups()], [low, high], atol=width)
+    shares = found.departure.cumsum()
+    assert shares[-1] == pytest.approx(1, rel=1e-9)
+    np.testing.assert_allclose(
+        np.interp([0.05, 0.95], shares, found.box.ticks(0) + width / 2), [low, high], atol=width / 2
+    )
 
 
 def test_law_of_a_flow_is_that_of_the_matrix_exponential():

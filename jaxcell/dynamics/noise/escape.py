@@ -23,7 +23,7 @@ from .diffusion import diffusion_to, regions_of
 from .ends import Ends, Region, within
 from .extrapolation import with_errors
 from .law import Law, visits_of
-from .sensitivity import Sensitivity
+from .sensitivity import LONG, Sensitivity
 from .words import answer_of
 
 
@@ -82,6 +82,10 @@ class Escape(OnBox):
     quasi_stationary: Annotated[
         Float[np.ndarray, "cells"],
         quantity("cell", "probability of the cell after a long stay", kind="distribution"),
+    ]
+    departure: Annotated[
+        Float[np.ndarray, "cells"],
+        quantity("cell", "probability of the cell from which it leaves", kind="distribution"),
     ]
     path: Annotated[
         Float[np.ndarray, "points axes"], quantity("point axis", "most probable path to the end")
@@ -186,12 +190,16 @@ class _Stopped:
                 "probability": (values[:-1] @ weight).clip(0, 1),
             }
 
+        visits = part.visits(weight[alive], by_entries=longest > LONG).value
+        departure = np.zeros(size)
+        departure[alive[:size]] = visits * (self.matrix[alive][:, size:] @ np.ones(len(ends.names)))
         derived = {}
         if about is not None:
             sensitivity = Sensitivity.of(
                 ends,
                 self.matrix,
                 part,
+                visits,
                 weight[alive],
                 steps,
                 settled=start is None,
@@ -204,6 +212,7 @@ class _Stopped:
             "time": self.duration * values[-1, :size],
             "committor": values[:-1, :size].clip(0, 1),
             "quasi_stationary": quasi,
+            "departure": departure,
             "residual": float(solved.relative[:, -1].max(initial=0.0)),
             "weight": weight,
         }
@@ -311,7 +320,8 @@ def escape(
     Certificate(0, solved["residual"], TOLERANCE).check("escape", True)
     widths = [float((box.size / each.box.size) ** (1 / box.dimensions)) for each in levels]
     values = with_errors([solved, *others], widths)
-    fields = {name: solved[name] for name in ("time", "committor", "quasi_stationary", "residual")}
+    kept = "time", "committor", "quasi_stationary", "departure", "residual"
+    fields = {name: solved[name] for name in kept}
     if gradient:
         slope, error = (values.pop(name) for name in ("slope", "slope_error"))
         named = {**_scalars(params), "noise": 1.0}

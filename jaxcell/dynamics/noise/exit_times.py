@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from scipy.sparse import csr_array
 
 from ...base import memory
+from ...base.formatting import did_you_mean
 from ...base.precision import require_x64
 from ...base.process import one_blas_thread
 from ...base.shown import Shown
@@ -140,7 +141,8 @@ class Family:
         if isinstance(map, Flow):
             raise ValueError("system: expected a map with noise once per mapping, got a flow")
         if name not in params:
-            raise ValueError(f"name: expected one of {', '.join(params)}, got {name!r}")
+            meant = did_you_mean(name, params)
+            raise ValueError(f"name: expected one of {', '.join(params)}, got {name!r}{meant}")
         each = np.array(listed(noise, box.dimensions), float)
         if each.shape != (box.dimensions,) or not (np.isfinite(each) & (each > 0)).all():
             raise ValueError(f"noise: expected {box.dimensions} numbers above 0, got {noise}")

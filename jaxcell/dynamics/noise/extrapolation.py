@@ -20,6 +20,7 @@ def with_errors(solutions: list[Mapping[str, Any]], widths: list[float]) -> dict
     The difference of a single number may vanish by chance, so that all times have at least the
     largest relative error among the mean, the deviation and the rate, and probabilities `p` at
     least the largest relative difference to the last box among these, relative to `p (1 - p)`.
+    Slopes cross zero, so that no other error bounds theirs: it is at least the whole difference.
     """
     solved, last = solutions[0], solutions[-1]
     values, rough, residual = solved["numbers"], solved["rough"], solved["residual"]
@@ -57,5 +58,5 @@ def with_errors(solutions: list[Mapping[str, Any]], widths: list[float]) -> dict
         slope = solved["slope"]
         shift, far = corrected([one["slope"] for one in solutions])[0], abs(slope - last["slope"])
         found["slope"] = slope + np.where(together, shift, 0.0)
-        errors["slope"] = np.where(together, np.maximum(np.abs(shift), far / 2), far)
+        errors["slope"] = np.where(together, np.maximum(np.abs(shift), far), far)
     return found | {f"{name}_error": error for name, error in errors.items()}

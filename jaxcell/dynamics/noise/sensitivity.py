@@ -19,9 +19,13 @@ from .ends import Ends
 from .law import Law, visits_of
 
 
+# Number of steps above which solutions that are not found by elimination lose digits.
+LONG = 1e6
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Sensitivity:
-    """What the steps of a chain that stops at its ends contribute to its mean time.
+    """The contributions of the steps of a chain that stops at its ends to its mean time.
 
     A step to cell `j` instead of cell `i` changes the time by the difference of the mean times from
     these cells. Where both are long, it would have no digits. So each is the time to a hub, or to
@@ -40,23 +44,24 @@ class Sensitivity:
         ends: Ends,
         matrix: csr_array,
         part: Transient,
+        visited: Float[np.ndarray, "part"],
         weight: Float[np.ndarray, "part"],
         times: Float[np.ndarray, "part"],
         *,
         settled: bool,
         continuous: bool,
     ) -> "Sensitivity":
-        """Solve a chain, given the mean times from the cells of its transient part.
+        """Solve a chain, given the visits and the mean times of cells of its transient part.
 
         A `settled` start, the quasi-stationary distribution, changes with the chain. Then the right
         eigenvector of the slowest mode replaces the times.
         """
         cells, mean = part.cells, float(weight @ times)
         visits, later = np.zeros(ends.cells), np.zeros((2, ends.cells))
-        visits[cells] = part.visits(weight, by_entries=True).value
-        hub = int(visits[cells].argmax())
-        gain, scale = np.ones(cells.size), float(times[hub]) / mean
-        length = times[hub]
+        visits[cells] = visited
+        hub = int(visited.argmax())
+        gain, length = np.ones(cells.size), float(times[hub])
+        scale = length / mean
         if settled:
             longest = float(times.max())
             about = visits_of(part, longest, continuous, ahead=True), longest, continuous
@@ -66,7 +71,7 @@ class Sensitivity:
         rest = Transient.of(matrix, np.isin(np.arange(ends.cells), cells[others]))
         out = matrix[rest.cells][:, ends.box.size :] @ np.ones(len(ends.names))
         columns = np.column_stack([gain[others] / length, out])
-        later[:, rest.cells] = rest.expect(columns, by_entries=True).value.T[:2]
+        later[:, rest.cells] = rest.expect(columns, by_entries=length > LONG).value.T[:2]
         later[1, ends.box.size :] = 1
         return cls(ends, visits, scale * later * [[1], [-1]])
 
@@ -91,7 +96,7 @@ class Sensitivity:
             rows = traced_rows(own, self.ends.box, both, **about)
             into, outside = self.later[:, size : size + len(share)], self.later[:, -1]
             beyond = here[:, self.ends.nearest] * (1 - share.sum(axis=0)) + into @ share
-            # What is outside of the box is missing in the rows.
+            # Rows lack the probabilities of points outside of the box.
             past = outside[:, None] if len(self.ends.names) > len(share) else here
             ahead = (beyond[:, None] - past[:, :, None]).sum(axis=0)
             return (rows * ahead).sum(axis=1) @ self.visits[:size]

@@ -21,10 +21,14 @@ def answer_of(escape: Any) -> tuple[str, ...]:
         shares = [f"{escape.end[k]} {escape.probability[k]:.1%}" for k in seen]
         sentences.append(f"It leaves to: {', '.join(shares)}.")
     if not escape.continuous:
-        names = escape.names[0] if len(escape.names) == 1 else f"({', '.join(escape.names)})"
-        last = [f"{x:.3g}" for x in escape.path[-1]]
-        place = last[0] if len(last) == 1 else f"({', '.join(last)})"
-        sentences.append(f"The most probable path ends with a mapping from {names} = {place}.")
+        places = [
+            f"{name} = {low:.3g} to {high:.3g}"
+            for name, (low, high) in zip(escape.names, _usual(escape), strict=True)
+        ]
+        last = ", ".join(f"{x:.3g}" for x in escape.path[-1])
+        sentences.append(
+            f"90 % of the runs leave from {', '.join(places)}; the most probable path, from {last}."
+        )
     if escape.elasticity is not None:
         order = np.argsort(-np.abs(escape.elasticity), kind="stable")
         each = [
@@ -46,3 +50,14 @@ def _about(value: float, error: float) -> str:
         return _number(value)
     digits = int(np.clip(np.ceil(np.log10(value / error)) + 1, 2, 6))
     return f"{value:.{digits}g}"
+
+
+def _usual(escape: Any) -> list[np.ndarray]:
+    """Return, for each axis, the 5 % and 95 % quantiles of the place from which a system leaves."""
+    share = escape.departure.reshape(escape.box.cells)
+    ranges = []
+    for axis in range(share.ndim):
+        along = share.sum(axis=tuple(k for k in range(share.ndim) if k != axis)).cumsum()
+        at = np.searchsorted(along, [0.05 * along[-1], 0.95 * along[-1]])
+        ranges.append(escape.box.ticks(axis)[at])
+    return ranges
