@@ -64,12 +64,9 @@ class Said:
                 dim = str(next(iter(dataset[name].dims)))
                 levels = dataset[name].reset_coords(drop=True).assign_attrs(axis="Z")
                 dataset = dataset.assign_coords({dim: levels})
-        if not self.mask:
-            return dataclasses.replace(file, dataset=dataset, positions=tuple(self.coords or ()))
         try:
-            land = named, float(value)
+            land = (named, float(value)) if self.mask else None
         except ValueError:
             raise file.error("mask", f"expected VAR=VALUE of land, got {self.mask!r}") from None
-        return dataclasses.replace(
-            file, dataset=dataset, positions=tuple(self.coords or ()), land=land
-        )
+        positions = tuple(self.coords or ())
+        return dataclasses.replace(file, dataset=dataset, positions=positions, land=land)
