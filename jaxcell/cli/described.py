@@ -42,7 +42,7 @@ class Reading(NamedTuple):
     directed: bool = False
     max_speed: float | None = None
 
-    def open_trajectories(self, path: Any) -> drift.Trajectories:
+    def open_trajectories(self, path: Any) -> "drift.Trajectories":
         """Read trajectories with the largest speed, if one is given."""
         fastest = {} if self.max_speed is None else {"max_speed": self.max_speed}
         return drift.open_trajectories(path, **fastest)
@@ -238,7 +238,7 @@ def _map(path: Path, how: Reading) -> dict[str, Any]:
     width, height = np.ptp(np.asarray(workspace.boundary, float), axis=0).tolist()
     described = {
         "what": "a map",
-        "format": _map_format(path),
+        "format": "map_server of ROS" if ros else _map_format(path),
         "name": workspace.name,
         **(about_map_server(_text(path), path.parent) if ros else {}),
         "width_m": round(width, 6),
@@ -256,14 +256,11 @@ def _map(path: Path, how: Reading) -> dict[str, Any]:
 
 
 def _map_format(path: Path) -> str:
-    suffix = path.suffix.lower()
-    if suffix in (".yaml", ".yml"):
-        return "map_server of ROS"
-    if suffix in (".txt", ".map"):
+    """Name the format of a map that has been read."""
+    if path.suffix.lower() in (".txt", ".map"):
         return "MovingAI" if _text(path).startswith("type ") else "ASCII grid"
     document = json.loads(_text(path))
-    ours = document.get("format") == "jaxcell-map"
-    return "jaxcell" if ours else "HouseExpo" if "verts" in document else "GeoJSON"
+    return "HouseExpo" if "verts" in document else document.get("format", "GeoJSON")
 
 
 def _graph(path: Path, how: Reading) -> dict[str, Any]:
@@ -285,14 +282,13 @@ def _graph(path: Path, how: Reading) -> dict[str, Any]:
     size = len(ways.names)
     joined = scipy.sparse.csr_array((np.ones(len(ways.ends)), tuple(ways.ends.T)), (size, size))
     described["pieces"] = scipy.sparse.csgraph.connected_components(joined, False)[0]
-    first = vertices[0].attributes
-    on_earth = not {"x", "y", "pos"} & first.keys()
+    on_earth = not {"x", "y", "pos"} & vertices[0].attributes.keys()
     described["positions"] = "none" if ways.xy is None else "degrees" if on_earth else "metres"
     if ways.lengths is None:
         return described | {"lengths": "none: each edge takes one step"}
-    read = edges[0].length is not None
     source = "great circles between ends" if on_earth else "distances of ends"
-    source = f"{how.weight or 'length'} of edges" if read else source
+    if edges[0].length is not None:
+        source = f"{how.weight or 'length'} of edges"
     both = np.sort(ways.ends, axis=1) @ [size, 1]
     total = ways.lengths[np.unique(both, return_index=True)[1]].sum()
     return described | {"lengths": source, "total_length_m": round(float(total), 3)}

@@ -101,17 +101,11 @@ def examine(path: Path, *others: Path, how: Reading) -> dict[str, Any]:
             described |= _sea((path, *others), described["what"], how)
     if described["what"] == "a folder":
         return _folder(path, described, how)
-    said: dict[bool, list[str]] = {True: [], False: []}
-    for one in caught:
-        text = _with_options(str(one.message))
-        if issubclass(one.category, UserWarning) and text not in said[True] + said[False]:
-            said[issubclass(one.category, Doubt)].append(text)
-    notes = [
-        note for note in described.get("notes", []) if not any(note in one for one in said[True])
-    ]
-    if notes := notes + said[False]:
-        described["notes"] = notes
-    return described | {"doubts": said[True]}
+    said = {_with_options(str(one.message)): one.category for one in caught}
+    doubts = [text for text, category in said.items() if issubclass(category, Doubt)]
+    notes = [text for text, category in said.items() if category is UserWarning]
+    notes = [one for one in described.get("notes", []) if one not in "\n".join(doubts)] + notes
+    return described | ({"notes": notes} if notes else {}) | {"doubts": doubts}
 
 
 def _folder(path: Path, described: dict[str, Any], how: Reading) -> dict[str, Any]:

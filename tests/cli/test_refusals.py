@@ -33,7 +33,7 @@ groups @lab_a --bounce 45 --cell 50
 groups @lab_z --bounce 45
     @lab_z: not among the bundled data of jaxcell; did you mean ...
 groups @random --bounce 45
-    @random: it holds a graph; give it to patrol graph
+    @random: it holds a graph; give it to patrol graph or patrol guard
 localize @lab_a --bounce
     --bounce: expected at least one value, got none
 localize @lab_a
@@ -140,7 +140,7 @@ patrol map @lab_a --range 3 --robots 1 --base auto --lost 0
     --lost: robot 0 is the only one; none would be left to patrol
 patrol map @lab_a --attack-times
     --attack-times: expected at least one
-patrol map apart.txt
+patrol map apart.txt --piece all
     apart.txt: its cells are in separate pieces; no way leads from (0.5, 0.5) to (4.5, 0.5)
 run json:dumps
     json:dumps: expected a class that derives from jaxcell.study.Study, ...

@@ -146,17 +146,17 @@ drift @gyres --duration soon
 drift @drifters
     @drifters: it holds trajectories; give it to drifters
 drift @eight
-    @eight: it holds a graph; give it to patrol graph
+    @eight: it holds a graph; give it to patrol graph or patrol guard
 groups @gyres --bounce 45
     @gyres: it holds currents; give it to drift
 patrol map @eight
-    @eight: it holds a graph; give it to patrol graph
+    @eight: it holds a graph; give it to patrol graph or patrol guard
 patrol map @lab_a --robots two
     --robots: expected a whole number such as 3 or auto, got 'two'
 sweep status @rooms
     @rooms: it holds the specification of a sweep; give it to sweep
 sweep @eight
-    @eight: it holds a graph; give it to patrol graph
+    @eight: it holds a graph; give it to patrol graph or patrol guard
 """
 ROWS = REFUSALS.strip().splitlines()
 PAIRS = [(line, error.strip()) for line, error in zip(ROWS[::2], ROWS[1::2], strict=True)]
