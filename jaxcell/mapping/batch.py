@@ -27,9 +27,10 @@ class Sums:
 
     @classmethod
     def of(cls, numbers: Int[np.ndarray, "rows"]) -> "Sums":
-        number, place, count = np.unique(numbers, return_inverse=True, return_counts=True)
-        order = np.argsort(place, kind="stable")
-        rows = np.ones(order.size), order, np.append(0, np.cumsum(count))
+        order = np.argsort(numbers, kind="stable")
+        ranked = numbers[order]
+        (begin,) = np.nonzero(np.diff(ranked, prepend=-1))
+        number, rows = ranked[begin], (np.ones(order.size), order, np.append(begin, order.size))
         return cls(number, scipy.sparse.csr_array(rows, shape=(number.size, order.size)))
 
     def add(

@@ -216,7 +216,7 @@ def _basins(
 ) -> tuple[Float[np.ndarray, "groups"], float, int, float]:
     leaving = leaving_rows(matrix)
     if group.max() == 0 and not leaving.any():
-        return np.eye(rows)[0], 0.0, 0, 0.0
+        return (np.arange(rows) == 0).astype(float), 0.0, 0, 0.0
     start = np.full(group.size, 1 / group.size)
     part = Transient.of(matrix, group < 0)
     visited = part.visits(start[part.cells])
@@ -232,7 +232,7 @@ def _basins_of_many(
     batch: Batch, group: Int[np.ndarray, "cells"], rows: int
 ) -> tuple[Any, Any, int, Any]:
     if group.max() == 0 and not (batch.head == group.size).any():
-        return np.eye(rows)[0], 0.0, 0, 0.0
+        return (np.arange(rows) == 0).astype(float), 0.0, 0, 0.0
     start = np.full((group.size, batch.chance.shape[1]), 1 / group.size)
     visits, error = eliminated(batch, group < 0, start, adjoint=True)
     entering = batch.push(visits)
