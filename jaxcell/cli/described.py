@@ -35,7 +35,7 @@ _EXPORTS: dict[str, tuple[str, str, dict[str, str]]] = {
 
 
 class Reading(NamedTuple):
-    """How maps, graphs and tables of trajectories are read, as the options of commands say."""
+    """Options of commands for reading maps, graphs and tables of trajectories."""
 
     part: tuple[Unknown, Piece | None, Crop] = ("wall", None, None)
     weight: str | None = None
@@ -43,7 +43,7 @@ class Reading(NamedTuple):
     max_speed: float | None = None
 
     def open_trajectories(self, path: Any) -> "drift.Trajectories":
-        """Read trajectories with the largest speed, if one is given."""
+        """Read trajectories, up to the largest speed."""
         fastest = {} if self.max_speed is None else {"max_speed": self.max_speed}
         return drift.open_trajectories(path, **fastest)
 
