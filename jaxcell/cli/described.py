@@ -1,6 +1,7 @@
 """Descriptions of all files that jaxcell reads or writes: the kind and the content of each."""
 
 import csv
+import itertools
 import json
 import re
 import shlex
@@ -16,6 +17,8 @@ from ..base.paths import absent, visible
 from ..base.results import MANIFEST, Manifest, check_result
 
 
+# The most files of a folder that is described.
+_MOST_FILES = 2_000
 _STATES = {"states": r": (\d+) states", "knowledge_cycles": r"(\d+) knowledge cycles"}
 # Files for other programs, by suffix: a name, a pattern that identifies them, patterns to count.
 _EXPORTS: dict[str, tuple[str, str, dict[str, str]]] = {
@@ -67,9 +70,12 @@ def _directory(path: Path) -> dict[str, Any]:
         return _sweep(path.parent if path.suffix == ".zarr" else path)
     if path.suffix == ".zarr":
         return _zarr(path)
+    found = [*itertools.islice(visible(path, "*"), _MOST_FILES + 1)]
+    if len(found) > _MOST_FILES:
+        raise ValueError(f"{path}: it has more than {_MOST_FILES:,} files; name a folder in it")
     files = sorted(
         str(file.relative_to(path))
-        for file in visible(path, "*")
+        for file in found
         if (file.suffix.lower() in KINDS and file.is_file()) or file.suffix == ".zarr"
         if not any(folder.suffix == ".zarr" for folder in file.relative_to(path).parents)
     )
