@@ -38,7 +38,7 @@ _EXPORTS: dict[str, tuple[str, str, dict[str, str]]] = {
 
 
 class Reading(NamedTuple):
-    """How maps, graphs and tables of trajectories are read, as the options of commands say."""
+    """Options with which maps, graphs and tables of trajectories are read."""
 
     part: tuple[Unknown, Piece | None, Crop] = ("wall", None, None)
     weight: str | None = None
@@ -46,7 +46,7 @@ class Reading(NamedTuple):
     max_speed: float | None = None
 
     def open_trajectories(self, path: Any) -> "drift.Trajectories":
-        """Read trajectories with the largest speed, if one is given."""
+        """Read trajectories up to the largest speed, by default the usual one."""
         fastest = {} if self.max_speed is None else {"max_speed": self.max_speed}
         return drift.open_trajectories(path, **fastest)
 
