@@ -1,6 +1,7 @@
 """Descriptions of all files that jaxcell reads or writes: the kind and the content of each."""
 
 import csv
+import itertools
 import json
 import re
 import shlex
@@ -16,6 +17,8 @@ from ..base.paths import absent, visible
 from ..base.results import MANIFEST, Manifest, check_result
 
 
+# The most files of a folder that is described.
+_MOST_FILES = 2_000
 _STATES = {"states": r": (\d+) states", "knowledge_cycles": r"(\d+) knowledge cycles"}
 # Files for other programs, by suffix: a name, a pattern that identifies them, patterns to count.
 _EXPORTS: dict[str, tuple[str, str, dict[str, str]]] = {
@@ -35,7 +38,7 @@ _EXPORTS: dict[str, tuple[str, str, dict[str, str]]] = {
 
 
 class Reading(NamedTuple):
-    """Options of commands for reading maps, graphs and tables of trajectories."""
+    """Options with which maps, graphs and tables of trajectories are read."""
 
     part: tuple[Unknown, Piece | None, Crop] = ("wall", None, None)
     weight: str | None = None
@@ -43,7 +46,7 @@ class Reading(NamedTuple):
     max_speed: float | None = None
 
     def open_trajectories(self, path: Any) -> "drift.Trajectories":
-        """Read trajectories, up to the largest speed."""
+        """Read trajectories up to the largest speed, by default the usual one."""
         fastest = {} if self.max_speed is None else {"max_speed": self.max_speed}
         return drift.open_trajectories(path, **fastest)
 
@@ -67,9 +70,12 @@ def _directory(path: Path) -> dict[str, Any]:
         return _sweep(path.parent if path.suffix == ".zarr" else path)
     if path.suffix == ".zarr":
         return _zarr(path)
+    found = [*itertools.islice(visible(path, "*"), _MOST_FILES + 1)]
+    if len(found) > _MOST_FILES:
+        raise ValueError(f"{path}: it has more than {_MOST_FILES:,} files; name a folder in it")
     files = sorted(
         str(file.relative_to(path))
-        for file in visible(path, "*")
+        for file in found
         if (file.suffix.lower() in KINDS and file.is_file()) or file.suffix == ".zarr"
         if not any(folder.suffix == ".zarr" for folder in file.relative_to(path).parents)
     )

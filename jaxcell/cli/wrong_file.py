@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import os
 import re
 import warnings
 from collections.abc import Iterable, Mapping
@@ -70,5 +71,5 @@ def _files(command: Any) -> Iterable[tuple[str, Path]]:
         if is_positional(parameters(type(command))[field.name]) and isinstance(value, str):
             value = Path(value)
         for path in value if isinstance(value, tuple) else (value,):
-            if isinstance(path, Path) and path.exists():
+            if isinstance(path, Path) and os.path.exists(path):
                 yield field.name, path

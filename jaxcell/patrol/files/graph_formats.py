@@ -103,7 +103,7 @@ def doubt_attributes(name: str, edges: list[Edge], placed: bool, directed: bool)
     unread = UNREAD.intersection(*every) if every else ()
     if unread and all(edge.length is None for edge in edges):
         length = "the distance of its ends" if placed else "unknown, and it takes one step"
-        no_length = f"edges have no `length`, so that of each is {length}"
+        no_length = f"edges have no attribute length, so that of each is {length}"
         use = " or ".join(f'`weight="{other}"`' for other in sorted(unread))
         warn(f"{name}: {no_length}; to read another attribute as length, set {use}", Doubt)
     count = sum(str(about.get("oneway")).lower() in _ONE_WAY for about in every)

@@ -175,10 +175,10 @@ def test_lengths_under_another_name_are_doubted_until_named(tmp_path, capsys, na
     for line in (["doctor", str(path), "--json"], guard, ["patrol", "graph", str(path)]):
         main(line)
         said = "".join(capsys.readouterr())
-        assert "edges have no `length`" in said or "edges have no --length" in said
+        assert "edges have no attribute length" in said
         assert f"to read another attribute as length, set --weight {name}" in said
     assert main([*guard, "--weight", name]) == 0
-    assert "no `length`" not in capsys.readouterr().err
+    assert "no attribute length" not in capsys.readouterr().err
     assert main([*guard, "--weight", "wait"]) == 2
     assert f"--weight: no edge has 'wait'; they have {name}" in capsys.readouterr().err
 

@@ -209,7 +209,7 @@ def test_the_karate_club_has_no_positions_and_weights_that_are_not_used(tmp_path
             graph, names = load_graph(path)
         assert graph.xy is None
         assert lengths_of(graph, names).keys() == {frozenset(map(str, e)) for e in club.edges}
-        said = "edges have no `length`, so that of each is unknown, and it takes one step"
+        said = "edges have no attribute length, so that of each is unknown, and it takes one step"
         named = f'{path}: {said}; to read another attribute as length, set `weight="weight"`'
         assert [str(each.message) for each in doubts] == [named] * (suffix != "adjlist")
 
