@@ -231,8 +231,8 @@ class NavigateAnywhere(AnywhereStudy):
 
     goal: Pose
     """Goal, "x,y" or "x,y,radius" in metres. By default the radius is the side of a cell, or half a
-    metre if cells are smaller, or a quarter of a metre more than the distance to the nearest wall,
-    where a robot can stop."""
+    metre if cells are smaller; where no wall is so near, at which a robot can stop, it is the
+    distance to the nearest wall and a quarter of a metre."""
 
     def run(self, say: Say = silent) -> Result:
         import shapely
@@ -242,7 +242,8 @@ class NavigateAnywhere(AnywhereStudy):
         if len(str(self.goal).split(",")) == 2:
             assert cells.workspace is not None
             away = cells.workspace.free_space.boundary.distance(shapely.Point(goal))
-            radius = max(radius, away + 0.25)
+            if radius < math.hypot(away, 0.2):
+                radius = away + 0.25
         return self.simulate(say, (goal, radius))
 
 
