@@ -32,8 +32,8 @@ class ChooseAngles(AnywhereStudy):
     """Task of the robot: to find out where it is (localize), or to come to a goal (navigate)."""
     goal: Annotated[Pose | None, Needed(for_="navigate")] = None
     """Goal, "x,y" or "x,y,radius" in metres. By default the radius is the side of a cell, or half a
-    metre if cells are smaller, or a quarter of a metre more than the distance to the nearest wall,
-    where a robot can stop."""
+    metre if cells are smaller; where no wall is so near, at which a robot can stop, it is the
+    distance to the nearest wall and a quarter of a metre."""
     count: Annotated[int, Limit(ge=1, le=4)] = 3
     """Largest number of angles."""
     resolution: Annotated[Degrees, Limit(gt=0, le=180)] = 15.0

@@ -243,21 +243,22 @@ class NavigateAnywhere(BouncingAnywhere):
 
     goal: Pose
     """Goal, "x,y" or "x,y,radius" in metres. By default the radius is the side of a cell, or half a
-    metre if cells are smaller, or a quarter of a metre more than the distance to the nearest wall,
-    where a robot can stop."""
+    metre if cells are smaller; where no wall is so near, at which a robot can stop, it is the
+    distance to the nearest wall and a quarter of a metre."""
 
     def run(self, say: Say = silent) -> Result:
         return self.simulate(say, self.bounce, goal_at(self.cells(), self.goal))
 
 
 def goal_at(cells: Any, text: Any) -> tuple[tuple[float, float], float]:
-    """Parse the goal "x,y" or "x,y,radius"; the default radius reaches the nearest wall."""
+    """Parse the goal "x,y" or "x,y,radius"; the default radius reaches a wall."""
     import shapely
 
     goal, radius = disc_at(cells, text, "goal")
     if len(str(text).split(",")) == 2:
         away = cells.workspace.free_space.boundary.distance(shapely.Point(goal))
-        radius = max(radius, away + 0.25)
+        if radius < math.hypot(away, 0.2):
+            radius = away + 0.25
     return goal, radius
 
 
