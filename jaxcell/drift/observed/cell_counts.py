@@ -107,9 +107,10 @@ class CellCounts(Shown):
             raise ValueError(f"expected 2 cells or more with {least:g} moves or more")
         total = np.maximum(total, 1) if shares else total
         rows, empty = matrix[kept], matrix.sum(axis=1) + gone == 0
-        into = (rows[:, mask].sum(axis=1) for mask in (empty, few))
-        place = wrapped(x[kept]), y[kept]
-        return cls(*place, rows[:, kept], total[kept], days * _DAY, *into, source)
+        ended, removed = (rows[:, mask].sum(axis=1) for mask in (empty, few))
+        moved, seconds = rows[:, kept], days * _DAY
+        lon = wrapped(x[kept])
+        return cls(lon, y[kept], moved, total[kept], seconds, ended, removed, source)
 
     @property
     def cells(self) -> int:
