@@ -130,7 +130,7 @@ def test_the_bound_is_at_most_the_cells_and_one_drop_is_said_in_the_singular():
     assert "it is 6, and for no cell more than 6: at least 100 % of the most" in one.answer[1]
 
 
-def test_what_cannot_be_done_is_refused_before_drifters_are_followed(monkeypatch):
+def test_too_many_drops_are_refused_before_drifters_are_followed(monkeypatch):
     gyres = (bundled("ocean/gyres.nc"),)
     with pytest.raises(ValueError, match="drop: expected at most 538, the number of cells"):
         study.Deploy(file=gyres, drop=1000, depth=0.0, until=0.5).run()
