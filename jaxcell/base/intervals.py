@@ -32,5 +32,5 @@ def drifters_for(half_width: float) -> int:
     """
     count = int(0.96 / half_width**2)
     while np.ptp(clopper_pearson(np.array([count // 2]), count)) > 2 * half_width:
-        count += max(1, count // 100)
+        count += max(1, count // 10_000)
     return count

@@ -17,7 +17,7 @@ from .help import is_positional, option
 # The commands that take a file, by the beginning of its description.
 _TAKEN = {
     "a graph": ["patrol graph", "patrol guard"],
-    "currents": ["drift"],
+    "currents": ["drift", "release", "deploy"],
     "trajectories": ["drifters"],
     "a result": ["view", "doctor"],
     "the summary of": ["view", "doctor"],

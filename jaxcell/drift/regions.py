@@ -14,6 +14,7 @@ import shapely
 from jaxtyping import Bool, Float, Int
 
 from ..base.documents import decode_json, read_text
+from ..base.doubts import Doubt, warn
 from ..base.intervals import clopper_pearson
 from ..base.quantities import Result, derived, quantity
 from ..mapping import Chain, ChainSequence
@@ -27,8 +28,10 @@ from .long_term import LongTermBehaviour
 from .water import Water
 
 
-# Longitudes of polygons may differ from the longitudes of cells by 360 degrees.
-_TURNS = (0.0, -360.0, 360.0)
+TURNS = (0.0, -360.0, 360.0)
+"""Longitudes of polygons may differ from those of cells and drifters by these degrees."""
+# The errors of a damaged geometry.
+_DAMAGE = (ValueError, KeyError, TypeError, AttributeError, shapely.errors.ShapelyError)
 _share = functools.partial(derived, "region to_region", kind="share", listed=True)
 
 
@@ -143,6 +146,47 @@ class Exchange(Result):
         return np.stack([push_on_host(self.chain, share, self.steps) for share in begin])
 
 
+def read_polygons(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Read polygons in degrees from a GeoJSON file.
+
+    **Returns:** the name of each polygon, which is the property `name` of its feature, or its
+    number if the feature has no name; and the polygons or multipolygons of shapely. A feature that
+    is no polygon is left out with a warning.
+
+    **Raises:** `ValueError` for a file that is not GeoJSON, has no polygon, or repeats a name;
+    `OSError` if the file does not exist.
+    """
+    try:
+        features = list(decode_json(read_text(Path(path)), "a GeoJSON file")["features"])
+        named = [
+            (str((feature.get("properties") or {}).get("name", number)), feature.get("geometry"))
+            for number, feature in enumerate(features)
+        ]
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        got = f"no {error}" if isinstance(error, KeyError) else error
+        raise ValueError(
+            f"{path}: expected a GeoJSON FeatureCollection of polygons, got {got}"
+        ) from None
+    names, shapes, wrong = [], [], "expected one or more, got none"
+    for name, geometry in named:
+        try:
+            shape = shapely.geometry.shape(geometry)
+            kind = "an empty one" if shape.is_empty else shape.geom_type
+        except _DAMAGE as error:
+            kind = f"{type(error).__name__}: {error}"
+        if kind in ("Polygon", "MultiPolygon"):
+            names.append(name)
+            shapes.append(shapely.make_valid(shape))
+        else:
+            wrong = f"{path}: feature {name!r}: expected a polygon, got {kind}"
+            warn(f"{wrong}; it is left out", Doubt)
+    if not names:
+        raise ValueError(wrong if named else f"{path}: features: {wrong}")
+    if len(set(names)) < len(names):
+        raise ValueError(f"{path}: features: expected different names, got {names}")
+    return np.array(names), np.array(shapes)
+
+
 def read_regions(
     path: str | os.PathLike[str], water: Water
 ) -> tuple[np.ndarray, Bool[np.ndarray, "regions cells"]]:
@@ -153,11 +197,10 @@ def read_regions(
     - `path`: a collection of features, polygons or multipolygons, in degrees.
     - `water`: the cells; a region consists of the cells whose centre is within its polygon.
 
-    **Returns:** the name of each region, which is the property `name` of its feature, or its number
-    if the feature has no name; and the mask of the cells of each region.
+    **Returns:** the names as in [`read_polygons`][]; and the mask of the cells of each region. A
+    polygon without such a cell is left out with a warning.
 
-    **Raises:** `ValueError` for a file that is not GeoJSON, a feature that is not a polygon or has
-    no water, or repeated names; `OSError` if the file does not exist.
+    **Raises:** the errors of [`read_polygons`][]; and `ValueError` if no polygon has a cell.
 
     A square in the middle of the bundled sea:
 
@@ -175,33 +218,24 @@ def read_regions(
         >>> names.tolist(), inside.shape, bool(inside.any())
         (['middle'], (1, 538), True)
     """
-    try:
-        features = decode_json(read_text(Path(path)), "a GeoJSON file")["features"]
-        named = [
-            (
-                str((feature.get("properties") or {}).get("name", number)),
-                shapely.geometry.shape(feature["geometry"]),
-            )
-            for number, feature in enumerate(features)
-        ]
-    except (ValueError, KeyError, TypeError, AttributeError, shapely.errors.ShapelyError) as error:
-        got = f"no {error}" if isinstance(error, KeyError) else error
-        raise ValueError(
-            f"{path}: expected a GeoJSON FeatureCollection of polygons, got {got}"
-        ) from None
+    names, shapes = read_polygons(path)
     lon, lat = water.lon[water.row, water.column], water.lat[water.row, water.column]
-    inside = []
-    for name, shape in named:
-        if shape.geom_type not in ("Polygon", "MultiPolygon"):
-            raise ValueError(f"{path}: feature {name!r}: expected a polygon, got {shape.geom_type}")
-        cells = np.any([shapely.contains_xy(shape, lon + turn, lat) for turn in _TURNS], axis=0)
-        if not cells.any():
-            raise ValueError(f"{path}: feature {name!r}: no centre of a water cell is within it")
-        inside.append(cells)
-    names = [name for name, _ in named]
-    if not names or len(set(names)) < len(names):
-        raise ValueError(f"{path}: features: expected one or more, of different names, got {names}")
-    return np.array(names), np.stack(inside)
+    inside = np.stack([within(shape, lon, lat) for shape in shapes])
+    found = inside.any(axis=1)
+    for name in names[~found].tolist():
+        wrong = f"{path}: feature {name!r}: no centre of a water cell is within it"
+        if not found.any():
+            raise ValueError(wrong)
+        warn(f"{wrong}; it is left out", Doubt)
+    return names[found], inside[found]
+
+
+def within(
+    shape: shapely.Geometry, lon: Float[np.ndarray, "points"], lat: Float[np.ndarray, "points"]
+) -> Bool[np.ndarray, "points"]:
+    """Mark the points in a polygon, in degrees."""
+    inside = [shapely.contains_xy(shape, lon + turn, lat) for turn in TURNS]
+    return np.logical_or.reduce(inside)
 
 
 def _leaving_times(

@@ -9,9 +9,11 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 import scipy.sparse
+import shapely
 from jaxtyping import Bool, Float, Int
 
 from ..base.shown import Shown
+from ..currents.sphere import wrapped
 from ..mapping import Chain, ChainSequence
 from ..mapping.sequence import push_on_host
 from .advection import drifted, longest_step
@@ -19,12 +21,17 @@ from .beaches import beaching, coast
 from .drift_step import METHODS
 from .flow import Flow
 from .maps import drift_map, refined
-from .positions import on_the_grid
+from .positions import in_degrees, on_the_grid
+from .regions import TURNS
 from .water import Water, square
 
 
 # The longest time in seconds between two looks at where drifters are, and a day.
 _TICK, DAY = 3600.0, 86_400.0
+# The parts of the way between two looks at which a drifter may be at a coast.
+_PARTS = (0.25, 0.5, 0.75, 1.0)
+# The number of draws after which no water is found within polygons.
+_TRIES = 200
 
 
 def points_around(
@@ -61,13 +68,26 @@ def points_around(
 
 
 def points_in(
-    random: np.random.Generator, water: Water, cells: Bool[np.ndarray, "cells"], count: int
+    random: np.random.Generator, water: Water, polygons: np.ndarray, count: int
 ) -> Float[np.ndarray, "2 count"]:
-    """Draw points in some cells, uniformly by area, in columns and rows of the grid."""
-    area = water.sides.prod(axis=0) * cells
-    chosen = random.choice(water.cells, count, p=area / area.sum())
-    off = random.uniform(-0.5, 0.5, (2, count))
-    return np.stack([water.column[chosen], water.row[chosen]]) + off
+    """Draw points in the water of polygons in degrees, uniformly by area, as columns and rows.
+
+    **Raises:** `ValueError` if hardly a point of the polygons is in the water.
+    """
+    parts = shapely.get_parts(shapely.union_all(polygons))
+    west, south, east, north = shapely.bounds(parts).T
+    low, high = np.sin(np.radians([south, north]))
+    area, kept = (east - west) * (high - low), np.zeros((2, 0))
+    for _ in range(_TRIES):
+        part = random.choice(parts.size, count, p=area / area.sum())
+        lon = random.uniform(west[part], east[part])
+        lat = np.degrees(np.arcsin(random.uniform(low[part], high[part])))
+        inside = shapely.contains_xy(parts[part], lon, lat)
+        points = on_the_grid(water, lon[inside], lat[inside])[0].T
+        kept = np.append(kept, points[:, water.at(*square(*points))[0] >= 0], axis=1)
+        if kept.shape[1] >= count:
+            return kept[:, :count]
+    raise ValueError(f"no water of {water.depth:g} m is within its polygons")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -80,8 +100,8 @@ class Release(Shown):
     cell: Int[np.ndarray, "times drifters"]
     "The cell of each drifter, which for a stranded one is at its beach; -1 off the map."
     stranded: Bool[np.ndarray, "times drifters"]
-    reached: Float[np.ndarray, "targets drifters"]
-    "Seconds until each drifter is first in a target; infinite if it never is."
+    reached: Float[np.ndarray, "places drifters"]
+    "Seconds until each drifter is first in each region or, last, at a coast; infinite for never."
     shore: Int[np.ndarray, "drifters"]
     "The cell where a drifter has stranded or, if none strands, was first at a coast; -1 for none."
 
@@ -146,12 +166,14 @@ def release_drifters(
     points: Float[np.ndarray, "2 drifters"],
     start: float,
     times: Sequence[float],
-    targets: Bool[np.ndarray, "targets cells"],
+    regions: Sequence[shapely.Geometry] | np.ndarray = (),
     *,
     afloat: float = math.inf,
     **options: Any,
 ) -> Release:
     """Simulate drifters, and keep where they are at some times and when they arrive.
+
+    Between two looks a drifter goes straight, by half a cell on average or less.
 
     **Arguments:**
 
@@ -159,26 +181,63 @@ def release_drifters(
     - `points`: the columns and rows of the release.
     - `start`: the time of the release, in seconds as in `Flow.time`.
     - `times`: the times after the release that are kept, in seconds, ascending.
-    - `targets`: masks of the cells whose first visits are kept.
+    - `regions`: polygons in degrees whose first visits are kept, beside those of cells at a coast.
     - `afloat`, `stranded`: half-lives in seconds at a coast and on a beach, as for
         [`beaching`][jaxcell.drift.beaching].
     - `seed`: the seed of diffusion and of beaching.
     - `say`: a function that is called with the progress.
     """
-    looks = follow_drifters(water, flow, points, start, times, afloat=afloat, **options)
-    look, at_coast = next(looks), np.append(coast(water), False)
-    masks = np.pad(targets, ((0, 0), (0, 1)))
-    reached = np.where(masks[:, look.cell], 0.0, np.inf)
-    shore, kept = np.where(at_coast[look.cell], look.cell, -1), []
-    for look in looks:
-        reached = np.minimum(reached, np.where(masks[:, look.cell], look.seconds, np.inf))
-        shore = np.where((shore < 0) & at_coast[look.cell], look.cell, shore)
+    tick = min(_TICK, longest_step(water, flow))
+    if flow.diffusivity:
+        tick = min(tick, float(water.sides.min()) ** 2 / (32 * flow.diffusivity))
+    looks = follow_drifters(water, flow, points, start, times, tick=tick, afloat=afloat, **options)
+    first, at_coast = next(looks), np.append(coast(water), False)
+    shapely.prepare(regions)
+    reached, last, kept = np.full((len(regions) + 1, first.cell.size), np.inf), first, []
+    shore, place = np.full(first.cell.size, -1), np.stack(in_degrees(water, first.x, first.y))
+    for look in itertools.chain([first], looks):
+        length, begin = look.seconds - last.seconds, place
+        place = np.stack(in_degrees(water, look.x, look.y))
+        for when, region in zip(reached, regions, strict=False):
+            new = np.flatnonzero(np.isinf(when))
+            before = _first_within(region, begin[:, new], place[:, new])
+            met = np.isfinite(before)
+            when[new[met]] = last.seconds + length * before[met]
+        for part in _PARTS:
+            x, y = last.x + part * (look.x - last.x), last.y + part * (look.y - last.y)
+            cell = look.cell if part == 1 else water.at(*square(x, y))[0]
+            ashore = (shore < 0) & at_coast[cell]
+            shore[ashore], reached[-1, ashore] = cell[ashore], last.seconds + part * length
         if look.seconds in times:
             kept.append(look)
+        last = look
     if water.coast == "strand" or np.isfinite(afloat):
         shore = np.where(look.stranded, look.cell, -1)
-    _, x, y, cell, ashore = map(np.stack, zip(*kept, strict=True))
-    return Release(x, y, cell, ashore, reached, shore)
+    _, x, y, cell, stranded = map(np.stack, zip(*kept, strict=True))
+    return Release(x, y, cell, stranded, reached, shore)
+
+
+def _first_within(
+    region: shapely.Geometry, begin: Float[np.ndarray, "2 ways"], end: Float[np.ndarray, "2 ways"]
+) -> Float[np.ndarray, "ways"]:
+    """Compute the part of each straight way that is before a polygon; infinite if it meets none."""
+    part, (west, south, east, north) = np.full(begin.shape[1], np.inf), region.bounds
+    along = np.stack([wrapped(end[0] - begin[0]), end[1] - begin[1]])
+    for turn in TURNS:
+        turned = begin + np.array([[turn], [0.0]])
+        ways = np.stack([turned, turned + along])
+        low, high = ways.min(axis=0), ways.max(axis=0)
+        near = (high[0] >= west) & (low[0] <= east) & (high[1] >= south) & (low[1] <= north)
+        ways = ways[..., near].transpose(2, 0, 1)
+        inside = shapely.contains_xy(region, ways[:, 0])
+        lines = shapely.linestrings(ways)
+        length = shapely.length(lines)
+        meets = ~inside & (length > 0) & shapely.intersects(region, lines)
+        before = np.where(inside, 0.0, np.inf)
+        met = shapely.intersection(lines[meets], region)
+        before[meets] = shapely.distance(shapely.points(ways[meets, 0]), met) / length[meets]
+        part[near] = np.minimum(part[near], before)
+    return part
 
 
 def visit_cells(

@@ -41,7 +41,7 @@ def most_probable_path(
     )
     path = [int(goals[np.argmin(away[goals])])]
     if not np.isfinite(away[path[0]]):
-        raise ValueError("target: no path leads to it from the source")
+        raise ValueError("target: no path leads to it from there")
     while (cell := int(before[path[-1]])) >= 0:
         path.append(cell)
     cells = np.array(path[::-1])

@@ -161,7 +161,7 @@ def _bound(
         slope = shares[top].sum(axis=0) - 1
         size = (value - least) / max(1.0, float(slope @ slope)) / (1 + step / _SLOWER)
         weight = np.clip(weight - size * slope, 0, 1)
-    return max(bound, least)
+    return max(min(bound, shares.shape[1]), least)
 
 
 def minimum_cover(

@@ -85,7 +85,9 @@ drifters @drifters --after 100000
 drifters @drifters --cell 2 --nearly-closed 9999
     --nearly-closed: expected at most 72, the number of cells, got 9999
 drifters @gyres
-    @gyres: it holds currents; give it to drift
+    @gyres: it holds currents; give it to drift, release or deploy
+release @gyres --start=-117.93,33.5 --until 0.5 --windage 3%
+    @gyres: wind: the file has no wind for windage; expected ...
 drift @gyres --depths 0 --regions @lab_a
     --regions @lab_a: it holds a map; expected a GeoJSON FeatureCollection of ...
 dynamics lorenz63

@@ -148,7 +148,7 @@ drift @drifters
 drift @eight
     @eight: it holds a graph; give it to patrol graph or patrol guard
 groups @gyres --bounce 45
-    @gyres: it holds currents; give it to drift
+    @gyres: it holds currents; give it to drift, release or deploy
 patrol map @eight
     @eight: it holds a graph; give it to patrol graph or patrol guard
 patrol map @lab_a --robots two

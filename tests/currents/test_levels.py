@@ -141,4 +141,4 @@ def test_a_depth_may_be_a_scalar_coordinate(tmp_path, level, depth, written):
         currents = open_currents(file, depths=depths)
         assert currents.depth.values.tolist() == [depth]
         np.testing.assert_allclose(currents.u, 0.5 - 0.01 * depth)
-    refused(file, r"depths: uo has a single level, at .* by depth; got 3", depths=3)
+    refused(file, r"depths: uo has a single level, at .* by depth; no layer at 3 m", depths=3)

@@ -121,6 +121,25 @@ def test_a_drifter_that_moves_by_a_cell_an_hour_visits_a_cell_an_hour():
     assert found.chosen_by == pytest.approx(6)
 
 
+def test_the_bound_is_at_most_the_cells_and_one_drop_is_said_in_the_singular():
+    water, flow = water_and_flow(sea(np.full((3, 12), 1 / 3.6), np.zeros((3, 12))))
+    found = drift.Dropped.of(water, flow, water.column < 2, 6, 5 * HOUR)
+    assert found.bound == found.asked == 6
+    one = drift.Dropped.of(water, flow, water.row == 1, 1, 5 * HOUR)
+    assert one.answer[0].startswith("Dropped, 1 drifter visits 6 of the 12 cells")
+    assert "it is 6, and for no cell more than 6: at least 100 % of the most" in one.answer[1]
+
+
+def test_too_many_drops_are_refused_before_drifters_are_followed(monkeypatch):
+    gyres = (bundled("ocean/gyres.nc"),)
+    with pytest.raises(ValueError, match="drop: expected at most 538, the number of cells"):
+        study.Deploy(file=gyres, drop=1000, depth=0.0, until=0.5).run()
+    monkeypatch.setattr("jaxcell.base.memory.NEGLIGIBLE", 0)
+    monkeypatch.setattr("jaxcell.base.memory.free", lambda: 10**6)
+    with pytest.raises(MemoryError, match=r"drifters from 538 cells for 0\.9 days"):
+        study.Deploy(file=gyres, drop=500, depth=0.0, until=0.9).run()
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

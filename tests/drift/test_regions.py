@@ -1,6 +1,7 @@
 """Regions of a sea, and how drifters go between them."""
 
 import json
+import warnings
 
 import jax
 import numpy as np
@@ -10,6 +11,7 @@ import shapely
 from seas import sea
 
 from jaxcell import drift
+from jaxcell.base.doubts import Doubt
 from jaxcell.mapping import Chain, ChainSequence
 
 
@@ -81,10 +83,16 @@ def test_invalid_regions_are_refused(tmp_path, currents):
     for polygons, wrong in (
         ({"far": far}, "'far': no centre of a water cell"),
         ({"way": line}, "'way': expected a polygon, got LineString"),
-        ({}, "expected one or more, of different names"),
+        ({}, "features: expected one or more, got none"),
     ):
-        with pytest.raises(ValueError, match=wrong):
-            drift.read_regions(write(path, polygons), water)
+        write(path, polygons)
+        with warnings.catch_warnings(action="ignore"), pytest.raises(ValueError, match=wrong):
+            drift.read_regions(path, water)
+    given = {"far": far, "way": line, **halves(water)}
+    with pytest.warns(Doubt) as said:
+        names, _ = drift.read_regions(write(path, given), water)
+    assert names.tolist() == ["west", "east"]
+    assert ["'way'" in str(said[0].message), "'far'" in str(said[1].message)] == [True, True]
     for text in ('{"type": "Feature"}', '{"features": ' + "[" * 50_000):
         path.write_text(text)
         with pytest.raises(ValueError, match="expected a GeoJSON FeatureCollection"):

@@ -1,5 +1,6 @@
 """The drifters of one release: where they are, how sure that is, and when they arrive."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -11,8 +12,11 @@ from oracles.points import RADIUS, PointDrifters
 from seas import sea, water_and_flow
 
 from jaxcell import bundled, drift, record, study
+from jaxcell.base.doubts import Doubt
 from jaxcell.base.intervals import clopper_pearson, drifters_for
+from jaxcell.currents.sphere import wrapped
 from jaxcell.drift.positions import in_degrees, on_the_grid
+from jaxcell.drift.results.sentences import name_place
 
 
 HOUR = 3600.0
@@ -27,8 +31,20 @@ def spill(tmp_path_factory):
     points = PointDrifters(path)
     place = points.lon[14], points.lat[12]
     start = ",".join(map(str, place))
+    half, south = 0.025 * SIDE, place[1] - 5 * SIDE
+    small = shapely.box(place[0] - half, south, place[0] + half, south + 10 * SIDE)
+    far = shapely.geometry.mapping(shapely.box(0, 0, 1, 1))
+    shapes = {"gate": shapely.geometry.mapping(small), "point": {"type": "Point"}, "far": far}
+    features = [
+        {"type": "Feature", "properties": {"name": name}, "geometry": shape}
+        for name, shape in shapes.items()
+    ]
+    regions = path.with_suffix(".geojson")
+    regions.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
     given = {"start": start, "on": "2020-01-01T06:00", "until": 1.0, "at": (0.5,)}
-    return path, points, place, study.Release(file=(path,), **given).run()
+    given |= {"regions": regions}
+    with pytest.warns(Doubt, match="feature 'point': expected a polygon"):
+        return path, points, place, study.Release(file=(path,), **given).run()
 
 
 def test_place_spread_and_cells_are_those_of_points_drifted_outside_the_library(spill):
@@ -56,6 +72,52 @@ def test_place_spread_and_cells_are_those_of_points_drifted_outside_the_library(
         assert found.chain_spread[row] < found.spread[row] + 2 * side
 
 
+def test_a_gate_of_a_twentieth_of_a_cell_is_met_between_looks(spill):
+    """Points drifted outside the library for five minutes at a time."""
+    _, points, (east, north), found = spill
+    off = np.random.default_rng(6).uniform(-0.5, 0.5, (2, 4000)) * SIDE
+    lon, lat, seen = east + off[0], north + off[1], np.zeros((2, 4000), bool)
+    for step in range(24 * 12 + 1):
+        within = np.abs(lon - east) <= 0.025 * SIDE
+        seen |= within & np.array([[True], [step % 12 == 0]])
+        lon, lat, _ = points.drift(lon, lat, 300.0, 300.0, 6 * HOUR + 300.0 * step)
+    assert found.names.tolist() == ["gate", "far", "a square at the coast"]
+    assert found.arrival_begin[0] == pytest.approx(0.05, abs=0.01)
+    ever, hourly = seen.mean(axis=1)
+    assert found.arrival[0] == pytest.approx(ever, abs=0.03)
+    assert hourly < 0.5 * ever
+    assert found.arrival[1] == 0
+
+
+def test_a_picture_across_the_date_line_is_as_wide_as_the_grid(spill, tmp_path):
+    *_, found = spill
+    turn = 180 - found.water.lon.mean()
+    water = dataclasses.replace(found.water, lon=wrapped(found.water.lon + turn))
+    there = dataclasses.replace(found, water=water, place=(180.0, found.place[1]))
+    assert np.ptp(there.lon) > 300
+    widths = [np.ptp(one.plot().get_xlim()) for one in (there, found)]
+    assert widths[0] == pytest.approx(widths[1])
+    record.save_sea(there, tmp_path / "there.png")
+    assert name_place(357.0, 1.0) == "1.00° N 3.00° W"
+
+
+def test_the_first_and_the_last_record_hold_for_half_a_step(spill):
+    """Records of six hours, such as means, of which the first is at midnight."""
+    path, points, (east, north), _ = spill
+    given = {"file": (path,), "start": f"{east},{north}", "precision": 0.1}
+    found = study.Release(**given, on="2019-12-31T21:30", until=0.2).run()
+    assert "The first record is held for 2.5 h beyond its time." in found.remarks
+    off = np.random.default_rng(3).uniform(-0.5, 0.5, (2, 500)) * SIDE
+    lon, lat = east + off[0], north + off[1]
+    for _ in range(30):
+        lon, lat, _ = points.drift(lon, lat, 300.0, 300.0, 0.0)
+    lon, lat, _ = points.drift(lon, lat, 2.3 * HOUR, 300.0, 0.0)
+    assert found.hours[-1] == pytest.approx(4.8)
+    assert found.centre_lon[-1] == pytest.approx(lon.mean(), abs=0.1 * SIDE)
+    with pytest.raises(ValueError, match="expected a time of the records, 2019-12-31T21:00 to"):
+        study.Release(**given, on="2019-12-31T20:00", until=0.1).run()
+
+
 def test_intervals_are_those_of_clopper_and_pearson(spill):
     *_, found = spill
     for seen in (0, 1, 40, 99, 100):
@@ -76,14 +138,17 @@ def test_drifters_arrive_when_the_stream_brings_them():
     wet[:, -1] = False
     water, flow = water_and_flow(sea(np.full((5, 12), 1 / 3.6), np.zeros((5, 12)), wet))
     points = np.stack([np.full(200, 2.0), np.full(200, 2.0)])
-    names, inside = np.array(["strait"]), (water.column == 6)[None]
+    lon, lat = water.lon[2], water.lat[:, 0]
+    strait = shapely.box((lon[5] + lon[6]) / 2, lat[0], (lon[6] + lon[7]) / 2, lat[-1])
+    regions = np.array(["strait"]), np.array([strait])
     found = drift.Released.of(
-        water, flow, points, [8 * HOUR, 48 * HOUR], regions=(names, inside), afloat=2 * HOUR
+        water, flow, points, [8 * HOUR, 48 * HOUR], regions=regions, afloat=2 * HOUR
     )
-    assert found.names.tolist() == ["strait", "a coast"]
+    assert found.names.tolist() == ["strait", "a square at the coast"]
     assert found.arrival.tolist() == [1, 1]
-    # From column 2 to the edge of column 6 are 3.5 km; a look an hour sees them after 4 h.
-    assert found.arrival_median.tolist() == [4, 8]
+    # From column 2 to the edge of column 6 are 3.5 km, to that of the coast 7.5 km.
+    assert found.arrival_median[0] == pytest.approx(3.5, rel=1e-3)
+    assert found.arrival_median[1] == pytest.approx(7.5, abs=0.3)
     # Half of the drifters at the coast strand in two hours: the first look is after 8 h.
     assert found.ashore[0] == pytest.approx(1 - 0.5**0.5, abs=0.1)
     assert found.ashore[1] == 1

@@ -44,7 +44,8 @@ def choose_layers(
     if dim is None:
         level, why = _single_level(file, velocity)
         if wanted is not None and (len(wanted) > 1 or abs(wanted[0] - level) > 0.01):
-            raise file.error("depths", f"{velocity} has a single level, {why}; got {depths!r}")
+            got = ", ".join(f"{value:g}" for value in wanted)
+            raise file.error("depths", f"{velocity} has a single level, {why}; no layer at {got} m")
         note = f"{velocity} has a single level, {why}"
         return Layers(np.array([level]), None, None, wanted is not None, note=note)
     if _is_s(file, dim):

@@ -73,6 +73,8 @@ class CountedDrift(Result):
     ]
     begun: Float[np.ndarray, "cells"]
     "The mean number of moves of a drifter that begin in each cell, until the last of the times."
+    asked: float | None = None
+    "The time in hours that was asked for; `None` for the last of the times."
     there: _Route | None = None
     "The cells of the most likely route, and the mean hours until they are entered."
     back: _Route | None = None
@@ -118,7 +120,8 @@ class CountedDrift(Result):
             main = np.flatnonzero(piece == np.bincount(piece).argmax())
             found = almost_invariant_sets(Chain.from_scipy(matrix[main][:, main]), sets)
         hours = ends * counts.lag / 3600
-        return cls(counts, hours, np.stack(shares), begun, there, back, found, main)
+        asked = None if after is None else after / 3600
+        return cls(counts, hours, np.stack(shares), begun, asked, there, back, found, main)
 
     @property
     def answer(self) -> tuple[str, ...]:
@@ -140,6 +143,11 @@ class CountedDrift(Result):
                 f"{patches}, over {_DENSE:g} times as dense as then: {', '.join(named)}.",
                 rest,
             ]
+        if self.asked is not None and abs(self.asked - self.hours[-1]) > _SEEN:
+            lines.append(
+                f"The answer is for {in_time(self.hours[-1])}, not {in_time(self.asked)}: moves "
+                f"take {in_time(self.step / 3600)}."
+            )
         if self.removed > _SEEN:
             lines.insert(
                 0,

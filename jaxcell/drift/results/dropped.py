@@ -24,6 +24,8 @@ _PLACES = (np.indices((3, 3)).reshape(2, 9) - 1) / 3
 # Drifters from anywhere in each chosen cell, which show what the choice is worth.
 _CHECKED = 100
 _HOUR = 3600.0
+# The tolerance of the bound.
+_ROUNDING = 1e-9
 _of_drop = functools.partial(derived, "drop")
 
 
@@ -119,10 +121,7 @@ class Dropped(Result):
             raise ValueError("cover: no drifter from a place that is allowed visits a cell of it")
         chosen = middle[:, cover.chosen]
         days = np.append(np.arange(DAY, seconds, DAY), seconds)
-        targets = np.zeros((0, water.cells), bool)
-        tracks = release_drifters(
-            water, flow, chosen, times=days.tolist(), targets=targets, **going
-        )
+        tracks = release_drifters(water, flow, chosen, times=days.tolist(), **going)
         off = np.random.default_rng(seed).uniform(-0.5, 0.5, (2, chosen.shape[1] * _CHECKED))
         anywhere = chosen.repeat(_CHECKED, axis=1) + off
         again, checked_ends = visit_cells(water, flow, anywhere, seconds=seconds, **going)
@@ -156,8 +155,8 @@ class Dropped(Result):
         lambda found: float(found.cover.gained.sum())
     )
     asked = derived("", "cells to visit", kind="count")(lambda found: int(found.inside.sum()))
-    bound = derived("", "upper bound on that for this number of drops")(
-        lambda found: found.cover.bound
+    bound = derived("", "upper bound on the latter for this number of drops")(
+        lambda found: min(float(found.asked), math.ceil(found.cover.bound - _ROUNDING) * 1.0)
     )
     allowed = derived("", "cells in which drifters may be dropped", kind="count")(
         lambda found: int(found.allowed_cells.sum())
@@ -194,15 +193,16 @@ class Dropped(Result):
     def answer(self) -> tuple[str, ...]:
         """The cells that are visited, the bound, what is lost, and the certainty."""
         drops, begins = self.cell.size, "" if self.on is None else f" on {name_day(self.on)}"
+        visit, other = ("visits", "cell") if drops == 1 else ("visit", f"{drops:,} cells")
         allowed = "" if self.allowed_cells.all() else f" of the {self.allowed:,} that are allowed"
         return (
-            f"Dropped{begins}, {counted(drops, 'drifter')} visit {round(self.visited):,} of the "
+            f"Dropped{begins}, {counted(drops, 'drifter')} {visit} {round(self.visited):,} of the "
             f"{self.asked:,} cells of {self.region} within {in_time(self.hours[-1])}, and "
             f"{_number(self.stranded)} strand, {_number(self.left)} leave the map: on average, if "
             "each is dropped anywhere in its cell.",
-            f"No {counted(drops, 'cell')}{allowed} would give more than "
-            f"{math.ceil(self.bound):,}: these give at least "
-            f"{percent(self.chosen_by / self.bound)} of the most.",
+            "By the nine drifters from each cell that determined the choice it is "
+            f"{round(self.chosen_by):,}, and for no {other}{allowed} more than {self.bound:,.0f}: "
+            f"at least {percent(self.chosen_by / self.bound)} of the most.",
             "deployment.csv has the cells, and where to fetch the drifters: the median distance "
             f"from there is {name_length(float(np.median(self._away)))}. An error of the current "
             "is not included.",

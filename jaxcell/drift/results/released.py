@@ -10,7 +10,6 @@ from ...base.formatting import counted, in_time, percent
 from ...base.intervals import clopper_pearson
 from ...base.quantities import Result, derived, quantity
 from ...currents.sphere import EARTH_RADIUS, on_sphere
-from ..beaches import coast
 from ..flow import Flow
 from ..positions import in_degrees
 from ..released_drifters import Release, push_release, release_drifters
@@ -65,6 +64,8 @@ class Released(Result):
     "The simulated drifters."
     by_chain: Float[np.ndarray, "times cells"]
     "The share in each cell by the chain of cells, whose steps are from time to time."
+    place: tuple[float, float]
+    "Longitude and latitude of the mean of the release."
     on: np.datetime64 | None = None
     "The time of the release."
     around: str = "in the given points"
@@ -84,7 +85,7 @@ class Released(Result):
         times: Sequence[float],
         *,
         start: float = 0.0,
-        regions: tuple[np.ndarray, Bool[np.ndarray, "regions cells"]] | None = None,
+        regions: tuple[np.ndarray, np.ndarray] | None = None,
         afloat: float = np.inf,
         stranded: float = np.inf,
         seed: int = 0,
@@ -99,25 +100,25 @@ class Released(Result):
         - `points`: the columns and rows of the grid at which drifters are released.
         - `times`: the times of the answer after the release, in seconds, ascending.
         - `start`: the time of the release, in seconds as in `Flow.time`.
-        - `regions`: regions, beside the coast, to arrive at, from [`jaxcell.drift.read_regions`][].
+        - `regions`: names, and polygons of shapely in degrees, to arrive at, beside the coast.
         - `afloat`, `stranded`: half-lives in seconds at a coast and on a beach, as for
             [`jaxcell.drift.beaching`][]; by default drifters do not strand.
         - `seed`, `say`: the seed of diffusion, and a function that is called with the progress.
         - further keywords: fields of the result.
         """
-        nowhere = np.zeros(0, str), np.zeros((0, water.cells), bool)
-        names, inside = nowhere if regions is None else regions
-        targets = np.concatenate([inside, coast(water)[None]])
+        names, polygons = (np.zeros(0, str), np.zeros(0, object)) if regions is None else regions
         halves = {"afloat": afloat, "stranded": stranded}
         drifters = release_drifters(
-            water, flow, points, start, times, targets, seed=seed, say=say, **halves
+            water, flow, points, start, times, polygons, seed=seed, say=say, **halves
         )
         begin, _ = water.at(*square(*points))
         share = np.bincount(begin, minlength=water.cells) / begin.size
         say("mapping the release on cells")
         by_chain = push_release(water, flow, share, start, times, halves)
         hours = np.array(times, float) / 3600
-        return cls(water, hours, np.array([*names, "a coast"]), drifters, by_chain, **about)
+        place = water.centre(share)
+        names = np.array([*names, "a square at the coast"])
+        return cls(water, hours, names, drifters, by_chain, place, **about)
 
     @property
     def waters(self) -> tuple[Water]:
@@ -206,7 +207,10 @@ class Released(Result):
     arrival_high = _of_region("1 in 40 above", "1", kind="share")(
         lambda found: clopper_pearson(found._arrived, found.released)[1]
     )
-    arrival_first = _of_region("time until a tenth of those that arrive are there", "h")(
+    arrival_begin = _of_region("of this, released there", "1", kind="share")(
+        lambda found: (found.drifters.reached == 0).mean(axis=1)
+    )
+    arrival_first = _of_region("time until a tenth of those that come later are there", "h")(
         lambda found: found._arrival_hours[:, 0]
     )
     arrival_median = _of_region("time until half of them are there", "h")(
@@ -264,13 +268,18 @@ class Released(Result):
 
     @property
     def _arrivals(self) -> list[str]:
-        lines = []
+        lines, side = [], np.sqrt(self.water.sides.prod(axis=0)).mean() / 1000
         for row, name in enumerate(self.names.tolist()):
             limits = f"{percent(self.arrival_low[row])} to {percent(self.arrival_high[row])}"
-            text = f"{percent(self.arrival[row])} ({limits}) reach {name}"
-            if self.arrival[row]:
+            text = f"{percent(self.arrival[row])} ({limits}) are at some time in {name}"
+            if row == len(self.names) - 1:
+                text += f" ({name_length(side)})"
+            if self.arrival_begin[row]:
+                text += f", {percent(self.arrival_begin[row])} at the release"
+            if not np.isnan(self._arrival_hours[row, 0]):
                 first, half, last = map(in_time, self._arrival_hours[row].tolist())
-                text += f"; of these a tenth within {first}, half {half}, nine tenths {last}"
+                text += f"; of those that come later a tenth within {first}, half {half}, "
+                text += f"nine tenths {last}"
             lines.append(text)
         if self.stretch_share.size:
             place = name_place(self.stretch_lon[0], self.stretch_lat[0])
@@ -284,10 +293,10 @@ class Released(Result):
         if apart <= _CLOSE + self.chain_noise[-1]:
             use = "may be used"
         return (
-            f"How sure: {self.released:,} drifters give each probability to {self.precision:.1%}, "
-            f"in this current without its errors. The chain of cells has {percent(apart)} in a "
-            f"wrong cell (by chance {percent(self.chain_noise[-1])}) and a spread of "
-            f"{name_length(self.chain_spread[-1])}: it {use}."
+            f"How sure: {self.released:,} drifters give each probability to "
+            f"{percent(self.precision)}, in this current without its errors. The chain of cells "
+            f"has {percent(apart)} in a wrong cell (by chance {percent(self.chain_noise[-1])}) "
+            f"and a spread of {name_length(self.chain_spread[-1])}: it {use}."
         )
 
     def _on_map(self, shares: Float[np.ndarray, "times cells"]) -> np.ndarray:
@@ -331,8 +340,8 @@ class Released(Result):
 
     @functools.cached_property
     def _arrival_hours(self) -> Float[np.ndarray, "regions 3"]:
-        """The quantiles of the times of those that arrive; NaN for a place without an arrival."""
-        hours = [row[np.isfinite(row)] / 3600 for row in self.drifters.reached]
+        """The quantiles of the times of those that come after the release; NaN without one."""
+        hours = [row[np.isfinite(row) & (row > 0)] / 3600 for row in self.drifters.reached]
         nothing = np.full(len(_QUANTILES), np.nan)
         return np.stack([np.quantile(h, _QUANTILES) if h.size else nothing for h in hours])
 

@@ -204,6 +204,7 @@ def _diffusion(drift: Any) -> str | None:
 
 def name_place(lon: float, lat: float) -> str:
     """Format a position in degrees, to a hundredth, with its hemispheres."""
+    lon = (lon + 180) % 360 - 180
     east, north = "W" if lon < 0 else "E", "S" if lat < 0 else "N"
     return f"{abs(lat):.2f}° {north} {abs(lon):.2f}° {east}"
 

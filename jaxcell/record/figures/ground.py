@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import shapely
+from jaxtyping import Float
 
 from ...base.quantities import Quantity, Result
+from ...currents.sphere import wrapped
 from ...mapping.generalized import Chain
 from ...optimize.graph import Graph
 from ...space import Box, CellSpace, Workspace
@@ -18,6 +20,10 @@ from .colors import Drawn, color_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+
+# A grid whose mean position is nearer to the axis, in radii of the Earth, goes round it.
+_ROUND = 0.05
 
 
 class Ground(NamedTuple):
@@ -161,12 +167,17 @@ def _plane(
 
 def _sea(result: Result, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:
     lon, lat = (np.asarray(getattr(result, name)) for name in ("lon", "lat"))
+    lon = beside(lon, lon)
+    # On a grid that goes round the Earth, the picture begins where longitudes jump.
+    jump = np.abs(np.diff(lon, axis=1)).max(axis=0, initial=0.0, where=np.isfinite(lon[:, 1:]))
+    first = int(jump.argmax()) + 1 if jump.max(initial=0.0) > 180 else 0
     if drawn.about.kind == "index":
         drawn = dataclasses.replace(drawn, values=np.maximum(drawn.values, -2))
 
     def draw(values: np.ndarray, style: dict[str, Any]) -> Any:
         values = np.ma.masked_where(drawn.values == -2, values)
-        return ax.pcolormesh(lon, lat, values, shading="nearest", **(style | options))
+        turned = (np.roll(array, -first, axis=1) for array in (lon, lat, values))
+        return ax.pcolormesh(*turned, shading="nearest", **(style | options))
 
     drawn.show(ax, draw)
     ax.set_facecolor(color_of(PLAIN))
@@ -174,6 +185,15 @@ def _sea(result: Result, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> N
     ax.locator_params(nbins=5)
     ax.set_xlabel("longitude (degrees east)")
     ax.set_ylabel("latitude (degrees north)")
+
+
+def beside(
+    lon: Float[np.ndarray, "*places"], grid: Float[np.ndarray, "rows columns"]
+) -> Float[np.ndarray, "*places"]:
+    """Turn longitudes by 360 degrees where that brings them nearer to the middle of a grid."""
+    mean = np.nanmean(np.exp(1j * np.radians(grid)))
+    middle = np.degrees(np.angle(mean)) if abs(mean) > _ROUND else 0.0
+    return middle + wrapped(lon - middle)
 
 
 def _network(graph: Graph, ax: "Axes", drawn: Drawn, options: dict[str, Any]) -> None:

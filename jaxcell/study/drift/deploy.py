@@ -5,10 +5,15 @@ from typing import ClassVar, Literal
 import tyro
 
 from ... import drift, record
+from ...base import memory
 from ...base.optional_modules import has_module
-from ..parameters import AtLeastOne, Headings
+from ..parameters import AtLeastOne, Headings, Limit
 from ..study import Say, silent
 from .sea_study import DAY, Source, WindowStudy
+
+
+# Bytes per drifter and cell that it visits, nine drifters from each cell; and per drop and cell.
+_VISIT, _DRIFTERS, _DROP = 60, 9, 24
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -53,6 +58,11 @@ class Deploy(WindowStudy):
         on, since, currents = self.window()
         water = drift.Water.of(currents, 0, self.coast)
         flow = drift.Flow.of(currents, 0, diffusivity=self.diffusivity, coast=self.coast)
+        Limit(le=water.cells).check("drop", self.drop, ", the number of cells")
+        visits = 1 + self.days * DAY / drift.crossing_time(water, flow)
+        needed = water.cells * (_VISIT * _DRIFTERS * visits + _DROP * self.drop)
+        doing = f"drifters from {water.cells:,} cells for {self.days:g} days"
+        memory.check(needed, doing, "give smaller --bounds, or fewer days")
         regions, region = np.ones((1, water.cells), bool), "the water"
         if self.cover is not None:
             regions, region = drift.read_regions(self.cover, water)[1], self.cover.name
@@ -65,7 +75,7 @@ class Deploy(WindowStudy):
             on=on,
             region=region,
             coastline=str(currents.attrs.get("coastline", "")),
-            notices=self.notices(currents),
+            notices=self.notices(on, currents),
         )  # fmt: skip
 
     def write(self, result: "drift.Dropped", out: Path) -> None:

@@ -42,7 +42,7 @@ class Release(WindowStudy):
     """Currents: NetCDF files (one per period, or one for u and one for v), a pattern such as
     "2016_*.nc", a Zarr store, an OPeNDAP address, or the bundled @gyres."""
     start: str
-    """Place of the release: "lon,lat" in degrees, or a GeoJSON file of polygons, in whose cells
+    """Place of the release: "lon,lat" in degrees, or a GeoJSON file of polygons, in which
     drifters are released uniformly."""
     radius: Length | None = None
     """Radius in metres of the disc around `start` in which drifters are released. By default it is
@@ -85,6 +85,7 @@ class Release(WindowStudy):
         import numpy as np
 
         from ...base.intervals import drifters_for
+        from ...drift.regions import read_polygons
         from ...drift.released_drifters import points_around, points_in
 
         on, since, currents = self.window()
@@ -94,15 +95,14 @@ class Release(WindowStudy):
         doing = f"{count:,} drifters at {len(self.times)} times"
         memory.check(_BYTES * count * len(self.times), doing, "give a larger --precision")
         if (place := self._place) is None:
-            _, polygons = drift.read_regions(self.start, water)
-            inside = np.logical_or.reduce(polygons)
-            points = points_in(random, water, inside, count)
-            around = f"in {inside.sum():,} cells of {Path(self.start).name}"
+            with about(f"start {self.start}"):
+                points = points_in(random, water, read_polygons(self.start)[1], count)
+            around = f"in the polygons of {Path(self.start).name}"
         else:
             with about(f"start {self.start}"):
                 points = points_around(random, water, place, count, self.radius)
             around = self._around(water, place)
-        regions = None if self.regions is None else drift.read_regions(self.regions, water)
+        regions = None if self.regions is None else read_polygons(self.regions)
         return drift.Released.of(
             water, flow, points, self.times,
             start=since,
@@ -115,7 +115,7 @@ class Release(WindowStudy):
             around=around,
             source=str(currents.attrs["source"]),
             coastline=str(currents.attrs.get("coastline", "")),
-            notices=self.notices(currents),
+            notices=self.notices(on, currents),
         )  # fmt: skip
 
     def write(self, result: "drift.Released", out: Path) -> None:

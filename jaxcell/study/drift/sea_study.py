@@ -171,11 +171,16 @@ class WindowStudy(CurrentStudy):
         on = moments[0] if begin is None else self._moment(begin)
         end = on + np.timedelta64(round(self.days * DAY * 1e9), "ns")
         if moments.size > 1:
-            first, last = moments[[0, -1]].astype("datetime64[m]")
-            if not moments[0] <= on < moments[-1]:
-                raise ValueError(f"on: expected a time of the records, {first} to {last}, got {on}")
-            if end > moments[-1]:
-                left = (moments[-1] - on) / np.timedelta64(1, "D")
+            # A mean of a day is of the whole day, and its time is noon.
+            half = np.diff(moments)[[0, -1]] // 2
+            begins, ends = moments[0] - half[0], moments[-1] + half[1]
+            first, last, got = np.array([begins, ends, on]).astype("datetime64[m]")
+            if not begins <= on < ends:
+                raise ValueError(
+                    f"on: expected a time of the records, {first} to {last}, got {got}"
+                )
+            if end > ends:
+                left = (ends - on) / np.timedelta64(1, "D")
                 raise ValueError(
                     f"until: the records end on {last}, {left:.4g} days after the release; "
                     f"expected at most that, got {self.days:g}"
@@ -188,10 +193,22 @@ class WindowStudy(CurrentStudy):
         currents = self.read(time=records if moments.size > 1 else None, depths=depths, mean=False)
         return on, float((on - currents.time.values[0]) / np.timedelta64(1, "s")), currents
 
-    def notices(self, currents: "xarray.Dataset") -> tuple[str, ...]:
-        """Say that the current is steady, if there is one record."""
-        note = "There is one record: the current of the answer is steady."
-        return (note,) if currents.sizes["time"] == 1 else ()
+    def notices(self, on: "np.datetime64", currents: "xarray.Dataset") -> tuple[str, ...]:
+        """Say that the current is steady if there is one record, or which record is held."""
+        import numpy as np
+
+        from ...base.formatting import in_time
+
+        times = currents.time.values
+        if times.size == 1:
+            return ("There is one record in this time: the current of the answer is steady.",)
+        before, after = ((times[[0, -1]] - on) / np.timedelta64(1, "h")).tolist()
+        held = {"first": before, "last": 24 * self.days - after}
+        return tuple(
+            f"The {name} record is held for {in_time(hours)} beyond its time."
+            for name, hours in held.items()
+            if hours > 1e-3
+        )
 
     @property
     def _period(self) -> tuple[str, str] | None:

@@ -106,7 +106,7 @@ def test_first_lines_say_where_it_goes_and_how_long_it_takes(found):
     assert "537 days" in route
 
 
-def test_lost_drifters_are_in_no_cell_with_other_moves(table, found):
+def test_parts_of_the_drifters_add_up_to_all(table, found):
     """Five parts in all: two where no drifter was seen to go on, what is lost, patches, others."""
     lon, _, begin, end, share = table
     with np.load(bundled("gdp")) as file:
