@@ -126,8 +126,8 @@ def check_files(
 ) -> None:
     """Raise `ValueError` if a file is missing or cannot be read.
 
-    `members` are pairs of a file and the parameters of a member with it. What else is wrong with
-    the member is an error only if the file is empty.
+    `members` are pairs of the name of a file, and the parameters of a member with it. Other wrong
+    parameters are errors only if this name is empty.
     """
     for file, given in members:
         try:
@@ -136,11 +136,9 @@ def check_files(
             # The workers may have more memory.
             with contextlib.suppress(MemoryError):
                 member.memory()
-        except OSError as error:
-            raise ValueError(str(error)) from error
-        except ValueError as error:
-            if str(error).startswith(file):
-                raise
+        except (OSError, ValueError) as error:
+            if isinstance(error, OSError) or str(error).startswith(file):
+                raise ValueError(str(error)) from error
 
 
 def _members(batch: Mapping[str, np.ndarray]) -> int:

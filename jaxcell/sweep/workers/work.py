@@ -208,8 +208,8 @@ def _with_each_file(spec: Spec, study: type[Study]) -> Iterator[tuple[str, dict[
     for one in spec.parameters:
         if one.name in _list_paths(study):
             for place in np.sort(np.unique(one.values, return_index=True)[1])[1:].tolist():
-                member = spec.member({**first, one.dimension: place})
-                yield str(Path(member[one.name])), {**spec.fixed, **member}
+                given = {**spec.fixed, **spec.member({**first, one.dimension: place})}
+                yield str(Path(given[one.name])), given
 
 
 def _list_paths(study: type[Study]) -> list[str]:
@@ -329,8 +329,7 @@ def failure(error: BaseException) -> Failed:
     message = " ".join(str(error).split())
     name = type(error).__name__
     wrong = str(error) if isinstance(error, WrongResultsError) else ""
-    text = f"{name}: {message}" if message else name
-    return Failed(text, "\n".join(lines[-_MAX_LINES:]), wrong)
+    return Failed(f"{name}: {message}" if message else name, "\n".join(lines[-_MAX_LINES:]), wrong)
 
 
 def _arrays(
