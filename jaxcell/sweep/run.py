@@ -31,10 +31,6 @@ from .workers.work import (
 )
 
 
-# The failure of a member if `results` names what the study does not have.
-_WRONG_RESULTS = "ValueError: results: "
-
-
 def run_sweep(
     spec: Spec,
     out: str | os.PathLike[str],
@@ -126,8 +122,8 @@ def run_sweep(
                     continue
                 job, outcome = item
                 outcome = _checked(store, outcome)
-                if isinstance(outcome, Failed) and outcome.message.startswith(_WRONG_RESULTS):
-                    raise ValueError(f"{spec.path}: {outcome.message.removeprefix('ValueError: ')}")
+                if isinstance(outcome, Failed) and outcome.wrong_results:
+                    raise ValueError(f"{spec.path}: {outcome.wrong_results}")
                 if isinstance(outcome, Failed) and job.places.size > 1:
                     work.split(job)
                     continue

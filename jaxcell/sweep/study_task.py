@@ -2,7 +2,7 @@
 
 import contextlib
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -16,6 +16,10 @@ from ..study.study import every
 
 
 Asked = TypeVar("Asked", bound=Study)
+
+
+class WrongResultsError(ValueError):
+    """The names of the wanted quantities include one that no member has."""
 
 
 def read_study(study: type[Asked], parameters: Mapping[str, Any]) -> Asked:
@@ -93,7 +97,7 @@ def study_task(
             found.setdefault(name, (about, []))[1].append((rows, value))
     if missing := [name for name in results if name not in found]:
         meant = did_you_mean(missing[0], known)
-        raise ValueError(
+        raise WrongResultsError(
             f"results: {study.__name__} has no number {missing[0]!r}{meant}; without `results` a "
             "sweep has all of them"
         )
@@ -117,14 +121,24 @@ def check_members(
     _together(study, batch, fixed, seed)
 
 
-def check_first(
-    study: type[Study], batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int
+def check_files(
+    study: type[Study], members: Iterable[tuple[str, Mapping[str, Any]]], seed: int
 ) -> None:
-    """Raise `ValueError` if the first member has a file that cannot be read."""
-    first = member_study(study, {**fixed, **{k: v[0].item() for k, v in batch.items()}}, seed)
-    # The workers may have more memory, and they name a missing file.
-    with contextlib.suppress(MemoryError, OSError):
-        first.memory()
+    """Raise `ValueError` if a file is missing or cannot be read.
+
+    `members` are pairs of the name of a file, and the parameters of a member with it. Other wrong
+    parameters are errors only if this name is empty.
+    """
+    for file, given in members:
+        try:
+            member = member_study(study, given, seed)
+            member.check_files()
+            # The workers may have more memory.
+            with contextlib.suppress(MemoryError):
+                member.memory()
+        except (OSError, ValueError) as error:
+            if isinstance(error, OSError) or str(error).startswith(file):
+                raise ValueError(str(error)) from error
 
 
 def _members(batch: Mapping[str, np.ndarray]) -> int:

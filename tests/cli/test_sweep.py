@@ -61,6 +61,20 @@ def test_failures_are_reported(spec, tmp_path, capsys):
     ]
 
 
+def test_a_resume_is_proposed_unless_all_failures_are_wrong_parameters(tmp_path, capsys):
+    (tmp_path / "spec.toml").write_text(
+        'task = "groups"\n[fixed]\nmap = "@lab_a"\n[grid]\nbounce = [50.0, 45.0, 55.0]\n'
+    )
+    words = ["sweep", str(tmp_path / "spec.toml"), "--out", str(tmp_path / "out")]
+    # Two members are left to compute.
+    assert main([*words, "--max-failures", "0"]) == 1
+    assert "To compute the rest" in capsys.readouterr().err
+    assert main([*words, "--resume"]) == 1
+    printed = capsys.readouterr().err
+    assert "Trying these members again cannot help" in printed
+    assert "To compute the rest" not in printed
+
+
 def test_only_ten_failures_are_printed(spec, tmp_path, capsys, monkeypatch):
     def broken(batch, fixed, seed):
         raise RuntimeError

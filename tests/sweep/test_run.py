@@ -362,6 +362,43 @@ def test_wrong_parameters_of_a_study_are_refused_before_it_runs(lines, message, 
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("kind", ["broken", "missing"])
+@pytest.mark.parametrize("table", ["grid", "list"])
+def test_a_bad_map_among_good_ones_is_refused_once(kind, table, tmp_path):
+    (tmp_path / "broken.json").write_text("{")
+    bad = tmp_path / f"{kind}.json"
+    (tmp_path / "spec.toml").write_text(
+        f'task = "groups"\n[{table}]\nmap = ["@lab_a", "@lab_b", "{bad}"]\nbounce = [45, 90, 135]\n'
+    )
+    with pytest.raises(ValueError, match=rf"spec.toml: {bad}: ") as caught:
+        run_sweep(Spec.load(tmp_path / "spec.toml"), tmp_path / "out")
+    assert str(caught.value).count(str(bad)) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_parameter_that_does_not_fit_a_later_map_fails_alone(tmp_path):
+    (tmp_path / "spec.toml").write_text(
+        'task = "groups"\n[list]\nmap = ["@lab_a", "@lab_b"]\npiece = ["all", "900,900"]\n'
+        "bounce = [45, 45]\n"
+    )
+    (failure,) = run_sweep(Spec.load(tmp_path / "spec.toml"), tmp_path / "out").failures
+    assert failure.of_parameters
+    assert failure.message.startswith("ValueError: piece: ")
+
+
+def test_a_task_may_raise_any_error_for_a_member(stub_spec, tmp_path, monkeypatch):
+    kept = sweep_stub.stub
+
+    def picky(batch, fixed, seed):
+        if 3 in batch["x"]:
+            raise ValueError("results: none at 3")
+        return kept(batch, fixed, seed)
+
+    monkeypatch.setattr(sweep_stub, "stub", picky)
+    failures = run_sweep(stub_spec(), tmp_path / "out").failures
+    assert [one.parameters["x"] for one in failures] == [3, 3]
+
+
 def test_the_error_of_a_missing_file_names_the_machine(stub_spec, tmp_path, monkeypatch):
     def lost(batch, fixed, seed):
         raise FileNotFoundError("/maps/a.json: there is no such file")

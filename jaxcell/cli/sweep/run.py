@@ -110,14 +110,21 @@ class Sweep(Printing):
             ):
                 dataset.to_netcdf(temporary)
         show_status(out, state, self.json, seconds=round(seconds, 3))
-        if self.max_failures is not None and len(state.failures) > self.max_failures:
+        stopped = self.max_failures is not None and len(state.failures) > self.max_failures
+        if stopped:
             note(f"Stopped: more than {self.max_failures:,} members failed")
         if chunks is not None:
             note(f"This shard is {len(chunks):,} of the {state.chunks:,} chunks")
             note(f"After all shards: {own_command('sweep', 'merge', whole)}")
             return 1 if state.failures else 0
         if not state.complete:
-            note("To compute the rest: the same command with --resume")
+            wrong = state.failures and all(failure.of_parameters for failure in state.failures)
+            note(
+                "Trying these members again cannot help, as their parameters are wrong; change "
+                "the specification, and name another folder (--out)"
+                if wrong and not stopped and ":" not in spec.task
+                else "To compute the rest: the same command with --resume"
+            )
         return 0 if state.complete else 1
 
 

@@ -26,7 +26,7 @@ from ...study.loading import load_object
 from ...study.study import about
 from ..design import LIST_DIMENSION
 from ..spec import Chunk, Spec
-from ..study_task import check_first, check_members, study_task
+from ..study_task import WrongResultsError, check_files, check_members, study_task
 
 
 Task = Callable[[Mapping[str, np.ndarray], Mapping[str, Any], int], Any]
@@ -119,6 +119,8 @@ class Failed:
     "One line with the reason."
     trace: str = ""
     "The end of the traceback; empty if there is none."
+    wrong_results: str = ""
+    "The reason why all members fail, if `results` has a name that the study lacks."
 
 
 @dataclasses.dataclass(frozen=True)
@@ -141,6 +143,11 @@ class Failure:
     message: str
     trace: str
     "The end of the traceback; empty if there is none."
+
+    @property
+    def of_parameters(self) -> bool:
+        """True for a `ValueError`, which a study raises for a wrong parameter."""
+        return self.message.startswith("ValueError: ")
 
 
 def find_task(name: str, results: tuple[str, ...] = ()) -> Task:
@@ -188,10 +195,26 @@ def prepared(spec: Spec) -> Spec:
             return with_files_found(spec)
         check_members(study, spec.batch(spec.chunk(0)), spec.fixed, spec.seed)
         spec = with_files_found(spec)
-        check_first(study, spec.batch(spec.chunk(0)), spec.fixed, spec.seed)
+        check_files(study, _with_each_file(spec, study), spec.seed)
         return spec
     except ValueError as error:
         raise ValueError(f"{spec.path}: {error}") from error
+
+
+def _with_each_file(spec: Spec, study: type[Study]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the parameters of the first member, and of the first with each other file."""
+    first = dict.fromkeys(spec.dimensions, 0)
+    yield "", {**spec.fixed, **spec.member(first)}
+    for one in spec.parameters:
+        if one.name in _list_paths(study):
+            for place in np.sort(np.unique(one.values, return_index=True)[1])[1:].tolist():
+                given = {**spec.fixed, **spec.member({**first, one.dimension: place})}
+                yield str(Path(given[one.name])), given
+
+
+def _list_paths(study: type[Study]) -> list[str]:
+    """List the parameters of a study that are files."""
+    return [name for name, kind in parameters(study).items() if "Path" in str(kind)]
 
 
 def with_task_found(spec: Spec) -> Spec:
@@ -207,8 +230,7 @@ def with_files_found(spec: Spec) -> Spec:
     A relative path is searched in the folder of the specification, then in the current folder.
     """
     study = study_of(spec.task)
-    kinds = {} if study is None else parameters(study)
-    names = [name for name, kind in kinds.items() if "Path" in str(kind)]
+    names = [] if study is None else _list_paths(study)
     fixed = {
         name: _found(spec, name, value) if name in names else value
         for name, value in spec.fixed.items()
@@ -306,7 +328,8 @@ def failure(error: BaseException) -> Failed:
     lines = "".join(traceback.format_exception(error)).splitlines()
     message = " ".join(str(error).split())
     name = type(error).__name__
-    return Failed(f"{name}: {message}" if message else name, "\n".join(lines[-_MAX_LINES:]))
+    wrong = str(error) if isinstance(error, WrongResultsError) else ""
+    return Failed(f"{name}: {message}" if message else name, "\n".join(lines[-_MAX_LINES:]), wrong)
 
 
 def _arrays(
