@@ -20,12 +20,43 @@ def deviations_of(noise: Any, box: Box) -> Callable[[Any, Any], Any]:
         given = _Deviations(with_params(noise, 2, "noise"), box.dimensions)
         return lambda points, params: mapped_points(given, params, points[:, None])[:, 0]
     each = listed(noise, box.dimensions)
+    if any(np.ndim(one) for one in each):
+        raise ValueError(
+            "noise: a covariance matrix is only for maps with known parameters and without "
+            "derivatives; expected standard deviations"
+        )
     if len(each) != box.dimensions:
         raise ValueError(f"noise: expected {box.dimensions} numbers, got {len(each)}")
     if not traced(noise) and not all(0 <= float(one) < np.inf for one in each):
         raise ValueError(f"noise: expected numbers from 0, got {noise}")
     numbers = jnp.stack([jnp.asarray(one, float) for one in each])
     return lambda points, params: jnp.broadcast_to(numbers, points.shape)
+
+
+def is_covariance(noise: Any) -> bool:
+    """Check whether noise is an array of two dimensions, a covariance matrix."""
+    known = not callable(noise) and not traced(noise)
+    return known and np.ndim(noise) == 2
+
+
+def with_correlation(noise: Any, box: Box) -> tuple[Any, float]:
+    """Return noise without its correlation, and this, which is 0 if it is no covariance matrix."""
+    if not is_covariance(noise):
+        return noise, 0.0
+    if box.dimensions != 2:
+        raise ValueError(
+            f"noise: a covariance matrix is for a box with two axes, got {box.dimensions}; write "
+            "the map along the principal axes of the noise, and give standard deviations"
+        )
+    matrix = np.asarray(noise, float)
+    deviation = np.sqrt(np.maximum(matrix.diagonal(), 0)) if matrix.shape == (2, 2) else np.zeros(2)
+    product = float(deviation.prod())
+    correlation = float(matrix[0, 1]) / product if product else 0.0
+    if not (product and np.array_equal(matrix, matrix.T) and abs(correlation) < 1):
+        raise ValueError(
+            f"noise: expected a symmetric, positive definite matrix, got {matrix.tolist()}"
+        )
+    return tuple(deviation.tolist()), correlation
 
 
 def listed(noise: Any, axes: int) -> tuple[Any, ...]:

@@ -1,5 +1,6 @@
 """Probabilities of the cells of a box after normal noise, from its distribution function."""
 
+import functools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -25,6 +26,7 @@ def transition_rows(
     image: Float[np.ndarray, "rows points axes"],
     deviation: Float[np.ndarray, "*points axes"],
     cut: float,
+    correlation: float = 0.0,
 ) -> csr_array:
     """Compute the probabilities of all cells after normal noise is added to images of points.
 
@@ -33,7 +35,7 @@ def transition_rows(
     two faces. Cells up to `cut` standard
     deviations from an image have a probability. The last of these cells also gets the probability
     of all points that are farther away, so that no mass is lost. Points outside the box, and images
-    that are not finite, are missing from the row.
+    that are not finite, are missing from the row. The noise along two axes may have a correlation.
     """
     points, scale = image.shape[1], np.broadcast_to(deviation / box.width, image.shape)
     finite = np.isfinite(image).all(axis=2)
@@ -51,7 +53,8 @@ def transition_rows(
             scale[far].reshape(-1, 1, box.dimensions),
         ),
     ]
-    entries = [_entries(box, *part, cut) for part in parts if part[0].size]
+    listing = functools.partial(_correlated, correlation) if correlation else _entries
+    entries = [listing(box, *part, cut) for part in parts if part[0].size]
     row, column, value = (np.concatenate(each) for each in zip(*entries, strict=True))
     kept = value > 0
     entry = value[kept], (row[kept], column[kept])
@@ -78,6 +81,59 @@ def _entries(
         else:
             value = value.swapaxes(1, 2) @ along
     return np.repeat(row, column.shape[1]), column.ravel(), value.ravel()
+
+
+def nodes(correlation: float, scale: float) -> int:
+    """Return the number of nodes in a cell of the first axis, for correlated noise.
+
+    `scale` is the standard deviation along this axis, in cells. The rule of Gauss and Legendre with
+    so many nodes has errors below 1e-12, by its remainder for a normal density that is as narrow
+    as the one given the place along the other axis.
+    """
+    steep = abs(correlation) / math.sqrt(1 - correlation**2)
+    return math.ceil(3 + 5 * max(1.0, steep) / scale) if correlation else 1
+
+
+def _correlated(
+    correlation: float,
+    box: Box,
+    row: Int[np.ndarray, "windows"],
+    place: Float[np.ndarray, "windows points 2"],
+    weight: Float[np.ndarray, "windows points"],
+    scale: Float[np.ndarray, "windows points 2"],
+    cut: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """List rows, columns and probabilities as `_entries`, for correlated noise along two axes.
+
+    The noise along the second axis is normal, given that along the first one. So the probability of
+    a cell is an integral over its first axis of differences of the distribution function.
+    """
+    (count, other), (kind, across) = box.cells, box.axes
+    here, each = place[..., 0], scale[..., None, None, 1]
+    if kind != "periodic":
+        far = 1 + _NEVER * scale[..., 0]
+        here = np.clip(here, -far, count + far)
+    # Points beyond a clamped side keep their distribution along the second axis.
+    first, mass = _along(count, "periodic", here, scale[..., 0], cut)
+    cell = first[:, None] + np.arange(mass.shape[-1])
+    node, rule = np.polynomial.legendre.leggauss(nodes(correlation, float(scale[..., 0].min())))
+    z = (cell[:, None, :, None] + (node + 1) / 2 - here[..., None, None]) / scale[..., None, None, 0]
+    # The sum over the nodes of a cell is its exact mass, however small.
+    density = rule * np.exp(((z**2).min(axis=-1, keepdims=True) - z**2) / 2)
+    share = (weight[..., None] * mass)[..., None] * density / density.sum(axis=-1, keepdims=True)
+
+    def by_cell(values: Any) -> Float[np.ndarray, "cells nodes"]:
+        return np.broadcast_to(values, z.shape).swapaxes(1, 2).reshape(cell.size, -1)
+
+    mean = place[..., None, None, 1] + correlation * each * z
+    rest = math.sqrt(1 - correlation**2) * each
+    start, chance = _along(other, across, by_cell(mean), by_cell(rest), cut)
+    value = (by_cell(share)[:, None] @ chance)[:, 0]
+    if kind == "sink":
+        value[((cell < 0) | (cell >= count)).ravel()] = 0
+    index = cell % count if kind == "periodic" else np.clip(cell, 0, count - 1)
+    column = other * index.reshape(-1, 1) + (start[:, None] + np.arange(chance.shape[-1])) % other
+    return np.repeat(row, column.size // row.size), column.ravel(), value.ravel()
 
 
 def _along(
