@@ -109,31 +109,33 @@ def _correlated(
     a cell is an integral over its first axis of differences of the distribution function.
     """
     (count, other), (kind, across) = box.cells, box.axes
-    here, each = place[..., 0], scale[..., None, None, 1]
+    here, deviation = place[..., 0], scale[..., 0]
     if kind != "periodic":
-        far = 1 + _NEVER * scale[..., 0]
+        far = 1 + _NEVER * deviation
         here = np.clip(here, -far, count + far)
     # Points beyond a clamped side keep their distribution along the second axis.
-    first, mass = _along(count, "periodic", here, scale[..., 0], cut)
+    first, mass = _along(count, "periodic", here, deviation, cut)
     cell = first[:, None] + np.arange(mass.shape[-1])
-    node, rule = np.polynomial.legendre.leggauss(nodes(correlation, float(scale[..., 0].min())))
-    z = (cell[:, None, :, None] + (node + 1) / 2 - here[..., None, None]) / scale[..., None, None, 0]
+    node, rule = np.polynomial.legendre.leggauss(nodes(correlation, float(deviation.min())))
+    away = cell[:, None, :, None] + (node + 1) / 2 - here[..., None, None]
+    z = away / deviation[..., None, None]
     # The sum over the nodes of a cell is its exact mass, however small.
     density = rule * np.exp(((z**2).min(axis=-1, keepdims=True) - z**2) / 2)
     share = (weight[..., None] * mass)[..., None] * density / density.sum(axis=-1, keepdims=True)
+    kept = (cell >= 0) & (cell < count) | (kind != "sink")
 
-    def by_cell(values: Any) -> Float[np.ndarray, "cells nodes"]:
-        return np.broadcast_to(values, z.shape).swapaxes(1, 2).reshape(cell.size, -1)
+    def by_cell(values: Any) -> Float[np.ndarray, "kept nodes"]:
+        each = np.broadcast_to(values, z.shape).swapaxes(1, 2)[kept]
+        return each.reshape(len(each), -1)
 
-    mean = place[..., None, None, 1] + correlation * each * z
-    rest = math.sqrt(1 - correlation**2) * each
+    mean = place[..., None, None, 1] + correlation * scale[..., None, None, 1] * z
+    rest = math.sqrt(1 - correlation**2) * scale[..., None, None, 1]
     start, chance = _along(other, across, by_cell(mean), by_cell(rest), cut)
-    value = (by_cell(share)[:, None] @ chance)[:, 0]
-    if kind == "sink":
-        value[((cell < 0) | (cell >= count)).ravel()] = 0
+    value = by_cell(share)[:, None] @ chance
     index = cell % count if kind == "periodic" else np.clip(cell, 0, count - 1)
-    column = other * index.reshape(-1, 1) + (start[:, None] + np.arange(chance.shape[-1])) % other
-    return np.repeat(row, column.size // row.size), column.ravel(), value.ravel()
+    column = other * index[kept][:, None] + (start[:, None] + np.arange(chance.shape[-1])) % other
+    row = np.broadcast_to(row[:, None], cell.shape)[kept]
+    return np.repeat(row, chance.shape[-1]), column.ravel(), value.ravel()
 
 
 def _along(
