@@ -35,8 +35,7 @@ def deviations_of(noise: Any, box: Box) -> Callable[[Any, Any], Any]:
 
 def is_covariance(noise: Any) -> bool:
     """Check whether noise is an array of two dimensions, a covariance matrix."""
-    known = not callable(noise) and not traced(noise)
-    return known and np.ndim(noise) == 2
+    return not callable(noise) and not traced(noise) and np.ndim(noise) == 2
 
 
 def with_correlation(noise: Any, box: Box) -> tuple[Any, float]:
@@ -49,13 +48,11 @@ def with_correlation(noise: Any, box: Box) -> tuple[Any, float]:
             "the map along the principal axes of the noise, and give standard deviations"
         )
     matrix = np.asarray(noise, float)
-    deviation = np.sqrt(np.maximum(matrix.diagonal(), 0)) if matrix.shape == (2, 2) else np.zeros(2)
-    product = float(deviation.prod())
-    correlation = float(matrix[0, 1]) / product if product else 0.0
-    if not (product and np.array_equal(matrix, matrix.T) and abs(correlation) < 1):
-        raise ValueError(
-            f"noise: expected a symmetric, positive definite matrix, got {matrix.tolist()}"
-        )
+    deviation, symmetric = np.sqrt(np.abs(matrix.diagonal())), np.array_equal(matrix, matrix.T)
+    definite = matrix.shape == (2, 2) and symmetric and (matrix.diagonal() > 0).all()
+    correlation = float(matrix[0, 1] / deviation.prod()) if definite else 1.0
+    if not abs(correlation) < 1:
+        raise ValueError(f"noise: expected a positive definite matrix, got {matrix.tolist()}")
     return tuple(deviation.tolist()), correlation
 
 

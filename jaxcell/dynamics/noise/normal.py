@@ -41,16 +41,18 @@ def transition_rows(
     finite = np.isfinite(image).all(axis=2)
     weight = finite / points
     place = (box.wrapped(np.where(finite[..., None], image, 0.0)) - box.lower) / box.width
+    far = np.where(np.array(box.axes) == "periodic", np.inf, 1 + _NEVER * scale)
+    place = np.clip(place, -far, box.cells + far)
     # One window of cells is enough for the points of a row, if their images are near each other.
     near = (np.ptp(place, axis=1) <= cut * scale.max(axis=1) + 1).all(axis=1)
-    far = np.flatnonzero(~near)
+    alone = np.flatnonzero(~near)
     parts = [
         (np.flatnonzero(near), place[near], weight[near], scale[near]),
         (
-            np.repeat(far, points),
-            place[far].reshape(-1, 1, box.dimensions),
-            weight[far].reshape(-1, 1),
-            scale[far].reshape(-1, 1, box.dimensions),
+            np.repeat(alone, points),
+            place[alone].reshape(-1, 1, box.dimensions),
+            weight[alone].reshape(-1, 1),
+            scale[alone].reshape(-1, 1, box.dimensions),
         ),
     ]
     listing = functools.partial(_correlated, correlation) if correlation else _entries
@@ -86,12 +88,11 @@ def _entries(
 def nodes(correlation: float, scale: float) -> int:
     """Return the number of nodes in a cell of the first axis, for correlated noise.
 
-    `scale` is the standard deviation along this axis, in cells. The rule of Gauss and Legendre with
-    so many nodes has errors below 1e-12, by its remainder for a normal density that is as narrow
-    as the one given the place along the other axis.
+    `scale` is the standard deviation along this axis, in cells. In 75 laws, the rule of Gauss and
+    Legendre with so many nodes had errors below 1e-14; a probability of 1e-30 had seven digits.
     """
     steep = abs(correlation) / math.sqrt(1 - correlation**2)
-    return math.ceil(3 + 5 * max(1.0, steep) / scale) if correlation else 1
+    return math.ceil(4 + 3 * max(1.0, steep) / scale) if correlation else 1
 
 
 def _correlated(
@@ -110,9 +111,6 @@ def _correlated(
     """
     (count, other), (kind, across) = box.cells, box.axes
     here, deviation = place[..., 0], scale[..., 0]
-    if kind != "periodic":
-        far = 1 + _NEVER * deviation
-        here = np.clip(here, -far, count + far)
     # Points beyond a clamped side keep their distribution along the second axis.
     first, mass = _along(count, "periodic", here, deviation, cut)
     cell = first[:, None] + np.arange(mass.shape[-1])
@@ -149,8 +147,6 @@ def _along(
 
     `place` and the standard deviations `scale` are in units of cells.
     """
-    if kind != "periodic":
-        place = np.clip(place, -1 - _NEVER * scale, count + 1 + _NEVER * scale)
     ends = (place - cut * scale).min(axis=1), (place + cut * scale).max(axis=1)
     first, last = (np.floor(end + TOLERANCE).astype(np.int64) for end in ends)
     width = int((last - first).max()) + 1
