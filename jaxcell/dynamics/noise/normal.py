@@ -89,7 +89,7 @@ def nodes(correlation: float, scale: float) -> int:
     """Return the number of nodes in a cell of the first axis, for correlated noise.
 
     `scale` is the standard deviation along this axis, in cells. In 75 laws, the rule of Gauss and
-    Legendre with so many nodes had errors below 1e-14; a probability of 1e-30 had seven digits.
+    Legendre with this number had errors below 1e-14; a probability of 1e-30 had seven digits.
     """
     steep = abs(correlation) / math.sqrt(1 - correlation**2)
     return math.ceil(4 + 3 * max(1.0, steep) / scale) if correlation else 1
