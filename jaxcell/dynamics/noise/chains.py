@@ -20,8 +20,8 @@ from ...space.box import Box
 from ..batches import padded
 from ..imaging import check_begin, check_map, mapped_points, torn_axes
 from ..maps import Flow, Map
-from .deviations import deviations_of, listed
-from .normal import all_probabilities, distributed_rows, transition_rows
+from .deviations import deviations_of, listed, with_correlation
+from .normal import all_probabilities, distributed_rows, nodes, transition_rows
 
 
 # Largest number of probabilities that are computed at once, and the bytes for each one of a chain.
@@ -37,7 +37,7 @@ def chain(
     params: Any = None,
     *,
     samples: int = 16,
-    noise: float | Array | tuple[float | Array, ...] | Callable[..., Any] = 0.0,
+    noise: float | Array | np.ndarray | tuple[float | Array, ...] | Callable[..., Any] = 0.0,
     deviations: float = 8.0,
     key: Any = None,
 ) -> Chain:
@@ -72,7 +72,8 @@ def chain(
     - `noise`: standard deviation of the noise, one number for all axes or one per axis; or a
         function `noise(x, params)` of the state before the mapping that returns either. A function
         `noise(z, y, params)` is a distribution function instead: the probability, along each axis,
-        that the next point is at most `z` if the image is `y`; see the example of births.
+        that the next point is at most `z` if the image is `y`; see the example of births. In a box
+        with two axes, a matrix is the covariance of the noise.
     - `deviations`: number of standard deviations at which the noise is cut along each axis. The
         mass beyond it, 1.2e-15 by default, is added to the last cell within.
     - `key`: random key of JAX, by default `jax.random.key(0)`.
@@ -141,7 +142,7 @@ def _check(map: Map, box: Box, params: Any, samples: int, noise: Any, deviations
 
 def _spread(noise: Any, box: Box, params: Any) -> tuple[Callable[..., Any], Any]:
     """Return the function of standard deviations, and their values at the centres of cells."""
-    spread = deviations_of(0.0 if is_law(noise) else noise, box)
+    spread = deviations_of(0.0 if is_law(noise) else with_correlation(noise, box)[0], box)
     each = np.asarray(spread(box.centre(np.arange(box.size, dtype=np.int32)), params))
     if not (np.isfinite(each).all() and (each >= 0).all()):
         raise ValueError(f"noise: expected finite numbers from 0, got {each.min()} to {each.max()}")
@@ -167,6 +168,7 @@ def matrix(
     _check(map, box, params, samples, noise, deviations)
     law = noise if is_law(noise) else None
     spread, each = _spread(noise, box, params)
+    correlation = with_correlation(noise, box)[1]
     onto = box if onto is None else onto
     deviation = each.max(axis=0)
     window = np.minimum(2 * np.ceil(deviations * deviation / box.width) + 2, onto.cells)
@@ -175,7 +177,8 @@ def matrix(
     advice = "use fewer cells or fewer deviations"
     memory.check(_BYTES * entries, f"a chain of {box.size} cells", advice)
     wide, samples = (3.0, max(1, samples // 2)) if second else (1.0, samples)
-    part = int(np.clip(_PART // (samples * window.prod()), 1, box.size))
+    inner = nodes(correlation, float(deviation[0] / box.width[0]))
+    part = int(np.clip(_PART // (samples * inner * window.prod()), 1, box.size))
     shift = _shift(box, key)
     rng = np.random.default_rng(0)
     cut = (deviation > 0) & (deviations * deviation < box.width * box.cells)
@@ -192,7 +195,7 @@ def matrix(
             rows.append(distributed_rows(onto, image, lambda z, y: _each(law, z, y, params)))
             continue
         own = np.asarray(spread(points.reshape(-1, box.dimensions), params))
-        near = transition_rows(onto, image, own.reshape(image.shape), deviations)
+        near = transition_rows(onto, image, own.reshape(image.shape), deviations, correlation)
         if tail:
             anywhere = rng.uniform(box.lower, box.upper, (cells.size, _LINKS, box.dimensions))
             ends = np.where(deviation > 0, anywhere, image[:, :1])

@@ -19,6 +19,7 @@ from ..imaging import OnBox, axis_names, torn_axes
 from ..maps import Flow, Map, with_params
 from ..system import System
 from .chains import is_law, matrix
+from .deviations import is_covariance
 from .diffusion import diffusion_to, regions_of
 from .ends import Ends, Region, within
 from .extrapolation import with_errors
@@ -235,7 +236,7 @@ def escape(
     box: Box | None = None,
     params: Any = None,
     *,
-    noise: float | Array | tuple[float | Array, ...] | Callable[..., Any],
+    noise: float | Array | np.ndarray | tuple[float | Array, ...] | Callable[..., Any],
     start: Sequence[float | int] | np.ndarray | None = None,
     into: Mapping[str, Region] | Region | None = None,
     out_of: Region | None = None,
@@ -258,6 +259,7 @@ def escape(
     - `box`, `params`: replace those of the system.
     - `noise`: the standard deviation of the noise, one number, one per axis, or a function of the
         state and the parameters: per square root of time for a flow, otherwise per mapping.
+        For a map with two axes it may be a covariance matrix.
     - `start`: the coordinates of the start; by default the start is distributed as in the long run
         among the systems that have not left, the quasi-stationary distribution.
     - `into`: a region where the system ends, or several by their names, as in
@@ -309,8 +311,11 @@ def escape(
         cells = [max(1, round(part * n)) for n in box.cells]
         coarse = Box(box.lower, box.upper, cells, box.axes)
         levels.append(Ends.of(coarse, same, sides=continuous))
-    if discrete and gradient:
-        raise ValueError("gradient: a distribution function has no derivative; expected deviations")
+    if gradient and (discrete or is_covariance(noise)):
+        raise ValueError(
+            "gradient: there is none by a distribution function or a covariance matrix; expected "
+            "standard deviations as noise"
+        )
     about = map, params, noise, options
     chains = [_chain_of(*about, each) for each in levels]
     if discrete:

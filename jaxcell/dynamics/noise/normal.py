@@ -1,5 +1,6 @@
 """Probabilities of the cells of a box after normal noise, from its distribution function."""
 
+import functools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -25,6 +26,7 @@ def transition_rows(
     image: Float[np.ndarray, "rows points axes"],
     deviation: Float[np.ndarray, "*points axes"],
     cut: float,
+    correlation: float = 0.0,
 ) -> csr_array:
     """Compute the probabilities of all cells after normal noise is added to images of points.
 
@@ -33,25 +35,28 @@ def transition_rows(
     two faces. Cells up to `cut` standard
     deviations from an image have a probability. The last of these cells also gets the probability
     of all points that are farther away, so that no mass is lost. Points outside the box, and images
-    that are not finite, are missing from the row.
+    that are not finite, are missing from the row. The noise along two axes may have a correlation.
     """
     points, scale = image.shape[1], np.broadcast_to(deviation / box.width, image.shape)
     finite = np.isfinite(image).all(axis=2)
     weight = finite / points
     place = (box.wrapped(np.where(finite[..., None], image, 0.0)) - box.lower) / box.width
+    far = np.where(np.array(box.axes) == "periodic", np.inf, 1 + _NEVER * scale)
+    place = np.clip(place, -far, box.cells + far)
     # One window of cells is enough for the points of a row, if their images are near each other.
     near = (np.ptp(place, axis=1) <= cut * scale.max(axis=1) + 1).all(axis=1)
-    far = np.flatnonzero(~near)
+    alone = np.flatnonzero(~near)
     parts = [
         (np.flatnonzero(near), place[near], weight[near], scale[near]),
         (
-            np.repeat(far, points),
-            place[far].reshape(-1, 1, box.dimensions),
-            weight[far].reshape(-1, 1),
-            scale[far].reshape(-1, 1, box.dimensions),
+            np.repeat(alone, points),
+            place[alone].reshape(-1, 1, box.dimensions),
+            weight[alone].reshape(-1, 1),
+            scale[alone].reshape(-1, 1, box.dimensions),
         ),
     ]
-    entries = [_entries(box, *part, cut) for part in parts if part[0].size]
+    listing = functools.partial(_correlated, correlation) if correlation else _entries
+    entries = [listing(box, *part, cut) for part in parts if part[0].size]
     row, column, value = (np.concatenate(each) for each in zip(*entries, strict=True))
     kept = value > 0
     entry = value[kept], (row[kept], column[kept])
@@ -80,6 +85,57 @@ def _entries(
     return np.repeat(row, column.shape[1]), column.ravel(), value.ravel()
 
 
+def nodes(correlation: float, scale: float) -> int:
+    """Return the number of nodes in a cell of the first axis, for correlated noise.
+
+    `scale` is the standard deviation along this axis, in cells. In 75 laws, the rule of Gauss and
+    Legendre with this number had errors below 1e-14; a probability of 1e-30 had seven digits.
+    """
+    steep = abs(correlation) / math.sqrt(1 - correlation**2)
+    return math.ceil(4 + 3 * max(1.0, steep) / scale) if correlation else 1
+
+
+def _correlated(
+    correlation: float,
+    box: Box,
+    row: Int[np.ndarray, "windows"],
+    place: Float[np.ndarray, "windows points 2"],
+    weight: Float[np.ndarray, "windows points"],
+    scale: Float[np.ndarray, "windows points 2"],
+    cut: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """List rows, columns and probabilities as `_entries`, for correlated noise along two axes.
+
+    The noise along the second axis is normal, given that along the first one. So the probability of
+    a cell is an integral over its first axis of differences of the distribution function.
+    """
+    (count, other), (kind, across) = box.cells, box.axes
+    here, deviation = place[..., 0], scale[..., 0]
+    # Points beyond a clamped side keep their distribution along the second axis.
+    first, mass = _along(count, "periodic", here, deviation, cut)
+    cell = first[:, None] + np.arange(mass.shape[-1])
+    node, rule = np.polynomial.legendre.leggauss(nodes(correlation, float(deviation.min())))
+    away = cell[:, None, :, None] + (node + 1) / 2 - here[..., None, None]
+    z = away / deviation[..., None, None]
+    # The sum over the nodes of a cell is its exact mass, however small.
+    density = rule * np.exp(((z**2).min(axis=-1, keepdims=True) - z**2) / 2)
+    share = (weight[..., None] * mass)[..., None] * density / density.sum(axis=-1, keepdims=True)
+    kept = (cell >= 0) & (cell < count) | (kind != "sink")
+
+    def by_cell(values: Any) -> Float[np.ndarray, "kept nodes"]:
+        each = np.broadcast_to(values, z.shape).swapaxes(1, 2)[kept]
+        return each.reshape(len(each), -1)
+
+    mean = place[..., None, None, 1] + correlation * scale[..., None, None, 1] * z
+    rest = math.sqrt(1 - correlation**2) * scale[..., None, None, 1]
+    start, chance = _along(other, across, by_cell(mean), by_cell(rest), cut)
+    value = by_cell(share)[:, None] @ chance
+    index = cell % count if kind == "periodic" else np.clip(cell, 0, count - 1)
+    column = other * index[kept][:, None] + (start[:, None] + np.arange(chance.shape[-1])) % other
+    row = np.broadcast_to(row[:, None], cell.shape)[kept]
+    return np.repeat(row, chance.shape[-1]), column.ravel(), value.ravel()
+
+
 def _along(
     count: int,
     kind: Axis,
@@ -91,8 +147,6 @@ def _along(
 
     `place` and the standard deviations `scale` are in units of cells.
     """
-    if kind != "periodic":
-        place = np.clip(place, -1 - _NEVER * scale, count + 1 + _NEVER * scale)
     ends = (place - cut * scale).min(axis=1), (place + cut * scale).max(axis=1)
     first, last = (np.floor(end + TOLERANCE).astype(np.int64) for end in ends)
     width = int((last - first).max()) + 1
