@@ -4,8 +4,9 @@ import csv
 import json
 import re
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from .. import automata, drift, patrol, space, sweep
@@ -35,12 +36,13 @@ _EXPORTS: dict[str, tuple[str, str, dict[str, str]]] = {
 
 
 class Reading(NamedTuple):
-    """Options of commands for reading maps, graphs and tables of trajectories."""
+    """Options of commands for reading maps, graphs, trajectories and currents."""
 
     part: tuple[Unknown, Piece | None, Crop] = ("wall", None, None)
     weight: str | None = None
     directed: bool = False
     max_speed: float | None = None
+    said: Mapping[str, Any] = MappingProxyType({})
 
     def open_trajectories(self, path: Any) -> "drift.Trajectories":
         """Read trajectories, up to the largest speed."""
@@ -116,10 +118,10 @@ def _filter(path: Path) -> dict[str, Any]:
     }
 
 
-def _netcdf(path: Path) -> dict[str, Any]:
+def _netcdf(path: Path, how: Reading) -> dict[str, Any]:
     from ..currents.netcdf import open_netcdf
 
-    with open_netcdf(path) as file:
+    with open_netcdf(path, how.said.get("group")) as file:
         return _contents(file.dataset)
 
 
@@ -421,7 +423,7 @@ def _text(path: Path) -> str:
         raise ValueError(f"{path}: not a text in UTF-8: {error.reason}") from None
 
 
-_CHOOSING = (_json, _map, _graph, _map_or_graph, _geojson, _table, _csv)
+_CHOOSING = (_netcdf, _json, _map, _graph, _map_or_graph, _geojson, _table, _csv)
 """The readers whose result depends on `Reading`."""
 
 KINDS: dict[str, Callable[..., dict[str, Any]]] = {
