@@ -16,6 +16,9 @@ _ANSWER, _FAREWELL = 5.0, 1.0
 
 _SUCCEEDED = 4
 _BACKUP_LIMIT, _BUMP = 0, 1
+# The settings of /motion_control that a run needs, and the fields and types of their values.
+_NEEDED: dict[str, bool | str] = {"safety_override": "backup_only", "reflexes.REFLEX_BUMP": False}
+_VALUES = {1: "bool_value", 4: "string_value"}
 _DANGERS = {2: "there is a cliff", 3: "a wheel is blocked", 4: "a wheel hangs in the air"}
 
 
@@ -54,6 +57,34 @@ class Create3(RosRobot):
             if not client.wait_for_server(timeout_sec=_ANSWER):
                 raise RobotStopped(f"nothing offers the action {name}")
         super().arm()
+
+    def settings(self) -> tuple[dict[str, bool | str | None], list[str]]:
+        """Ask the robot for the two settings that a run needs.
+
+        **Returns:** the values of the settings, `None` where the robot does not know one, and the
+        commands that set those with other values than a run needs.
+
+        **Raises:** [`jaxcell.robot.RobotStopped`][] if nothing answers.
+        """
+        service = import_module("rcl_interfaces.srv").GetParameters
+        client = self.node.create_client(service, "motion_control/get_parameters")
+        node = self.node.resolve_service_name("motion_control/get_parameters").rpartition("/")[0]
+        there = client.wait_for_service(timeout_sec=self.answer)
+        asked = self._watched(client.call_async(service.Request(names=[*_NEEDED])))
+        with self._news:
+            if not (there and self._news.wait_for(asked.done, self.answer)):
+                raise RobotStopped(f"{node} does not answer: is --remap right?")
+        # The answer of a node that lacks a setting is empty.
+        answers = asked.result().values or [None] * len(_NEEDED)
+        values = {
+            name: getattr(answer, _VALUES.get(getattr(answer, "type", 0), ""), None)
+            for name, answer in zip(_NEEDED, answers, strict=True)
+        }
+        return values, [
+            f"ros2 param set {node} {name} {str(needed).lower()}"
+            for name, needed in _NEEDED.items()
+            if values[name] != needed
+        ]
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
         goal = self._drive.Goal()

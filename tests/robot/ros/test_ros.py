@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -261,6 +262,35 @@ def test_a_robot_without_odometry_or_a_topic_of_speeds_is_refused(world, kind, l
 def test_a_missing_installation_of_ros_is_an_error_with_a_remedy():
     with pytest.raises(ModuleNotFoundError, match=r"^ROS 2 is not set up; first run: source "):
         Create3().__enter__()
+
+
+def test_check_names_the_commands_that_set_a_create_3(world_of, capsys):
+    world = world_of((1.0, 1.5, 0.0), "create3")
+    words = ["robot", "check", "--ros", "create3", "--json"]
+    setting = "ros2 param set /motion_control {}".format
+    bump, backup = setting("reflexes.REFLEX_BUMP false"), setting("safety_override backup_only")
+
+    def checked():
+        status = main(words)
+        state = json.loads(capsys.readouterr().out)
+        return status, state.get("to_set"), state["danger"]
+
+    assert checked() == (1, [backup, bump], None)
+    world.settings["reflexes.REFLEX_BUMP"] = False
+    assert checked() == (1, [backup], None)
+    world.settings["safety_override"] = "full"
+    assert checked() == (1, [backup], None)
+    world.settings["safety_override"] = "backup_only"
+    assert checked() == (0, [], None)
+    assert main(words[:-1]) == 0
+    assert re.search(r"safety_override +│ backup_only", capsys.readouterr().out)
+    world.docked = True
+    assert checked() == (1, [], "it is on the dock")
+    world.docked = False
+    del world.settings["safety_override"]
+    assert checked() == (1, [backup, bump], None)
+    world.silent.add("motion_control/get_parameters")
+    assert checked() == (1, None, "/motion_control does not answer: is --remap right?")
 
 
 def test_the_watchdog_stops_a_robot_whose_driver_is_gone(tmp_path, kind):
