@@ -20,9 +20,6 @@ from .output import Printing
 from .terminal import say, table
 
 
-_ANY_SEA = "a NetCDF file"
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Doctor(Naming, Printing):
     """Examine any file: what it is taken for and why, and each doubt with the option that settles
@@ -36,7 +33,7 @@ class Doctor(Naming, Printing):
         "How is a map read?": ("unknown", "piece", "crop"),
         "How is a graph read?": ("weight", "directed"),
         "How are trajectories read?": ("max_speed",),
-        "How are currents read?": tuple(one.name for one in dataclasses.fields(Naming)),
+        "How are currents read?": tuple(Naming.__annotations__),
     }
 
     file: tyro.conf.Positional[tuple[Path, ...]]
@@ -80,9 +77,10 @@ class Doctor(Naming, Printing):
 
     def _check_options(self, kinds: list[str]) -> None:
         """Refuse options that have no effect on any of the files."""
-        of_kinds = (("a map",), ("a graph",), ("trajectories", _ANY_SEA), ("currents", _ANY_SEA))
-        for (kind, *also), names in zip(of_kinds, self.headings.values(), strict=True):
-            if not any(what.startswith((kind, *also, "a folder")) for what in kinds):
+        of_kinds = "a map", "a graph", "trajectories", "currents"
+        for kind, names in zip(of_kinds, self.headings.values(), strict=True):
+            # Options may be wrong for a NetCDF file that is not read.
+            if not any(what.startswith((kind, "a folder", "a NetCDF file")) for what in kinds):
                 for name in names:
                     if getattr(self, name) not in (None, False, "wall"):
                         raise ValueError(f"{name}: it has an effect on {kind}, not on {kinds[0]}")
@@ -90,7 +88,7 @@ class Doctor(Naming, Printing):
 
 def _may_be_current(path: Path, how: Reading) -> bool:
     with warnings.catch_warnings(action="ignore"):
-        return bool(re.match(f"currents|{_ANY_SEA}", describe(path, how)["what"]))
+        return bool(re.match("currents|a NetCDF file", describe(path, how)["what"]))
 
 
 def examine(path: Path, *others: Path, how: Reading) -> dict[str, Any]:
@@ -102,7 +100,7 @@ def examine(path: Path, *others: Path, how: Reading) -> dict[str, Any]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         described = describe(path, how)
-        if re.match(f"currents|trajectories|{_ANY_SEA}", described["what"]):
+        if re.match("currents|trajectories|a NetCDF file", described["what"]):
             described |= _sea((path, *others), described["what"], how)
     if described["what"] == "a folder":
         return _folder(path, described, how)
@@ -137,7 +135,7 @@ def _sea(path: tuple[Path, ...], what: str, how: Reading) -> dict[str, Any]:
     """Read trajectories or currents as the commands do, and say what they are taken for."""
     errors = []
     for kind, read in (("trajectories", _of_trajectories), ("currents", _of_currents)):
-        if what.startswith((kind, _ANY_SEA)):
+        if what.startswith((kind, "a NetCDF file")):
             try:
                 return {"what": re.sub("^[^:,]*", kind, what), **read(path, how)}
             except (ValueError, MemoryError) as error:

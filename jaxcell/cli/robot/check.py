@@ -28,22 +28,20 @@ class RobotCheck(Printing):
     def run(self) -> int:
         check(self)
         state = self._of_ros() if self.port is None else self._on_line(self.port)
-        rows = [
-            (name, "\n".join(value) if name == "to_set" else str(value))
-            for name, value in state.items()
-        ]
+        rows = [(name, str(value)) for name, value in state.items()]
         self.report(state, lambda: table(f"The robot at {self.port or 'ROS 2'}", ("", ""), rows))
-        return int(state["danger"] is not None or bool(state.get("to_set")))
+        return 0 if state["danger"] is None else 1
 
     def _of_ros(self) -> dict[str, Any]:
-        from ...robot import RobotStopped
-        from ...robot.ros import Create3
+        from ...robot import RobotStopped, ros
 
         state: dict[str, Any] = {"ros": self.ros, "danger": None}
         try:
-            with Create3(remap=self.remap) as robot:
-                settings, commands = robot.settings()
-                state |= settings | {"to_set": commands}
+            with ros.Create3(remap=self.remap) as robot:
+                settings, command = robot.settings()
+                state |= settings
+                if command:
+                    raise RobotStopped(f"a run needs other settings: {command}")
                 robot.arm()
         except RobotStopped as error:
             state["danger"] = str(error)

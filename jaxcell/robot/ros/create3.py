@@ -58,33 +58,29 @@ class Create3(RosRobot):
                 raise RobotStopped(f"nothing offers the action {name}")
         super().arm()
 
-    def settings(self) -> tuple[dict[str, bool | str | None], list[str]]:
+    def settings(self) -> tuple[dict[str, bool | str | None], str]:
         """Ask the robot for the two settings that a run needs.
 
-        **Returns:** the values of the settings, `None` where the robot does not know one, and the
-        commands that set those with other values than a run needs.
+        **Returns:** their values, `None` for one that the robot does not know, and the command that
+        sets them to what a run needs, or `""`.
 
         **Raises:** [`jaxcell.robot.RobotStopped`][] if nothing answers.
         """
-        service = import_module("rcl_interfaces.srv").GetParameters
-        client = self.node.create_client(service, "motion_control/get_parameters")
-        node = self.node.resolve_service_name("motion_control/get_parameters").rpartition("/")[0]
+        service, name = import_module("rcl_interfaces.srv"), "motion_control/get_parameters"
+        client = self.node.create_client(service.GetParameters, name)
+        node = self.node.resolve_service_name(name).rpartition("/")[0]
         there = client.wait_for_service(timeout_sec=self.answer)
-        asked = self._watched(client.call_async(service.Request(names=[*_NEEDED])))
+        asked = self._watched(client.call_async(service.GetParameters.Request(names=[*_NEEDED])))
         with self._news:
             if not (there and self._news.wait_for(asked.done, self.answer)):
                 raise RobotStopped(f"{node} does not answer: is --remap right?")
-        # The answer of a node that lacks a setting is empty.
-        answers = asked.result().values or [None] * len(_NEEDED)
-        values = {
-            name: getattr(answer, _VALUES.get(getattr(answer, "type", 0), ""), None)
-            for name, answer in zip(_NEEDED, answers, strict=True)
-        }
-        return values, [
-            f"ros2 param set {node} {name} {str(needed).lower()}"
-            for name, needed in _NEEDED.items()
-            if values[name] != needed
-        ]
+        values: dict[str, bool | str | None] = dict.fromkeys(_NEEDED)
+        # The answer of a node that lacks one of the settings is empty.
+        for name, answer in zip(_NEEDED, asked.result().values, strict=False):
+            values[name] = getattr(answer, _VALUES.get(answer.type, ""), None)
+        wrong = [name for name in _NEEDED if values[name] != _NEEDED[name]]
+        sets = (f"ros2 param set {node} {name} {str(_NEEDED[name]).lower()}" for name in wrong)
+        return values, " && ".join(sets)
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
         goal = self._drive.Goal()

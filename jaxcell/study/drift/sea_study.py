@@ -21,9 +21,6 @@ if TYPE_CHECKING:
 else:
     Files = Source = tuple[Path, ...]
 
-SAID = ("dims", "coords", "time_units", "calendar", "mask", "units", "group")
-"""The options for what files do not say themselves."""
-
 DAY = 86_400.0
 """Seconds in a day."""
 
@@ -94,14 +91,14 @@ class Naming:
     @property
     def said(self) -> dict[str, Any]:
         """The arguments of `open_currents` about what a file does not say."""
-        return {one.name: getattr(self, one.name) for one in dataclasses.fields(Naming)}
+        return {name: getattr(self, name) for name in Naming.__annotations__}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CurrentStudy(Naming, SeaStudy):
     """Base class of studies of drifters in a current, with the options to read it."""
 
-    headings: ClassVar[Headings] = {"What does the file not say itself?": SAID}
+    headings: ClassVar[Headings] = {"What does the file not say?": tuple(Naming.__annotations__)}
 
     bounds: Bounds | None = None
     """West, south, east and north limits of the region to read, in degrees."""
