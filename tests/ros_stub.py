@@ -40,8 +40,12 @@ irobot_create_msgs.action.DriveDistance.Goal: distance float, max_translation_sp
 irobot_create_msgs.action.RotateAngle.Goal: angle float, max_rotation_speed float
 action_msgs.msg.GoalInfo: stamp builtin_interfaces.msg.Time
 action_msgs.srv.CancelGoal.Request: goal_info action_msgs.msg.GoalInfo
+rcl_interfaces.msg.ParameterValue: type int, bool_value bool, string_value str
+rcl_interfaces.srv.GetParameters.Request: names list
+rcl_interfaces.srv.GetParameters.Response: values list
 """
 
+NAMES = {bool: "bool", str: "string"}
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 BACKUP_LIMIT, BUMP, CLIFF, STALL, WHEEL_DROP = range(5)
 TICK = 0.02
@@ -75,6 +79,7 @@ class World:
         self.battery, self.charging, self.docked = math.nan, False, False
         self.speeds = ["geometry_msgs/msg/Twist"]
         self.dead = self.refuses = False
+        self.settings = {"safety_override": "none", "reflexes.REFLEX_BUMP": True}
         self.said, self.published = [], {}
         self.goal = None
         self.speed, self.expires = None, 0.0
@@ -100,6 +105,14 @@ class World:
             result, self.goal = self.goal[3], None
             self.say("ended", status)
             result.set_result(types.SimpleNamespace(status=status))
+
+    def answer(self, names):
+        """The values of settings; a node that lacks one of them sends none."""
+        value, kinds = CLASSES["rcl_interfaces.msg.ParameterValue"], {bool: 1, str: 4}
+        known = [self.settings[name] for name in names if name in self.settings]
+        values = [value(type=kinds[type(x)], **{f"{NAMES[type(x)]}_value": x}) for x in known]
+        values = values if len(values) == len(names) else []
+        return CLASSES["rcl_interfaces.srv.GetParameters.Response"](values=values)
 
     def cancel(self):
         self.say("cancel")
@@ -183,12 +196,16 @@ class Node:
     def create_client(self, service, name):
         def call(request):
             assert type(request) is service.Request
-            assert name.endswith("/_action/cancel_goal")
             answer = Future()
+            if name == "motion_control/get_parameters":
+                self.todo.append(lambda: answer.set_result(self.world.answer(request.names)))
+                return answer
+            assert name.endswith("/_action/cancel_goal")
             self.todo.append(lambda: (self.world.cancel(), answer.set_result(None)))
             return answer
 
-        return types.SimpleNamespace(call_async=call)
+        there = name not in self.world.silent
+        return types.SimpleNamespace(call_async=call, wait_for_service=lambda timeout_sec: there)
 
     def get_subscriptions_info_by_topic(self, topic):
         assert topic == "/cmd_vel"
@@ -196,6 +213,9 @@ class Node:
 
     def resolve_topic_name(self, topic):
         return f"/{topic}"
+
+    def resolve_service_name(self, name):
+        return f"/{name}"
 
     def get_clock(self):
         stamp = CLASSES["builtin_interfaces.msg.Time"]()

@@ -5,8 +5,9 @@ import itertools
 import json
 import re
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from .. import automata, drift, patrol, space, sweep
@@ -38,12 +39,13 @@ _EXPORTS: dict[str, tuple[str, str, dict[str, str]]] = {
 
 
 class Reading(NamedTuple):
-    """Options with which maps, graphs and tables of trajectories are read."""
+    """Options of commands for reading maps, graphs, trajectories and currents."""
 
     part: tuple[Unknown, Piece | None, Crop] = ("wall", None, None)
     weight: str | None = None
     directed: bool = False
     max_speed: float | None = None
+    said: Mapping[str, Any] = MappingProxyType({})
 
     def open_trajectories(self, path: Any) -> "drift.Trajectories":
         """Read trajectories up to the largest speed, by default the usual one."""
@@ -122,10 +124,10 @@ def _filter(path: Path) -> dict[str, Any]:
     }
 
 
-def _netcdf(path: Path) -> dict[str, Any]:
+def _netcdf(path: Path, how: Reading) -> dict[str, Any]:
     from ..currents.netcdf import open_netcdf
 
-    with open_netcdf(path) as file:
+    with open_netcdf(path, how.said.get("group")) as file:
         return _contents(file.dataset)
 
 
@@ -427,7 +429,7 @@ def _text(path: Path) -> str:
         raise ValueError(f"{path}: not a text in UTF-8: {error.reason}") from None
 
 
-_CHOOSING = (_json, _map, _graph, _map_or_graph, _geojson, _table, _csv)
+_CHOOSING = (_netcdf, _json, _map, _graph, _map_or_graph, _geojson, _table, _csv)
 """The readers whose result depends on `Reading`."""
 
 KINDS: dict[str, Callable[..., dict[str, Any]]] = {

@@ -12,6 +12,7 @@ from ..base.doubts import Doubt
 from ..base.limits import Unknown
 from ..base.optional_modules import import_module
 from ..base.paths import replacing
+from ..study.drift.sea_study import Naming
 from ..study.map_study import read_part
 from ..study.parameters import Headings, Pose
 from .described import Reading, describe
@@ -20,7 +21,7 @@ from .terminal import say, table
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Doctor(Printing):
+class Doctor(Naming, Printing):
     """Examine any file: what it is taken for and why, and each doubt with the option that settles
     it.
 
@@ -32,6 +33,7 @@ class Doctor(Printing):
         "How is a map read?": ("unknown", "piece", "crop"),
         "How is a graph read?": ("weight", "directed"),
         "How are trajectories read?": ("max_speed",),
+        "How are currents read?": tuple(Naming.__annotations__),
     }
 
     file: tyro.conf.Positional[tuple[Path, ...]]
@@ -56,10 +58,10 @@ class Doctor(Printing):
             raise ValueError("file: expected at least one, got none")
         if self.out is not None and len(self.file) != 1:
             raise ValueError(f"out: expected one file to draw, got {len(self.file)}")
-        one_sea = len(self.file) > 1 and all(map(_may_be_current, self.file))
-        sources = [self.file] if one_sea else [(path,) for path in self.file]
         part = read_part(self.unknown, self.piece, self.crop)
-        how = Reading(part, self.weight, self.directed, self.max_speed)
+        how = Reading(part, self.weight, self.directed, self.max_speed, self.said)
+        one_sea = len(self.file) > 1 and all(_may_be_current(path, how) for path in self.file)
+        sources = [self.file] if one_sea else [(path,) for path in self.file]
         reports = [examine(*paths, how=how) for paths in sources]
         self._check_options([report["what"] for report in reports])
         if self.json:
@@ -75,17 +77,18 @@ class Doctor(Printing):
 
     def _check_options(self, kinds: list[str]) -> None:
         """Refuse options that have no effect on any of the files."""
-        of_kinds = zip(("a map", "a graph", "trajectories"), self.headings.values(), strict=True)
-        for kind, names in of_kinds:
-            if not any(what.startswith((kind, "a folder")) for what in kinds):
+        of_kinds = "a map", "a graph", "trajectories", "currents"
+        for kind, names in zip(of_kinds, self.headings.values(), strict=True):
+            # Options may be wrong for a NetCDF file that is not read.
+            if not any(what.startswith((kind, "a folder", "a NetCDF file")) for what in kinds):
                 for name in names:
                     if getattr(self, name) not in (None, False, "wall"):
                         raise ValueError(f"{name}: it has an effect on {kind}, not on {kinds[0]}")
 
 
-def _may_be_current(path: Path) -> bool:
+def _may_be_current(path: Path, how: Reading) -> bool:
     with warnings.catch_warnings(action="ignore"):
-        return bool(re.match("currents|a NetCDF file", describe(path)["what"]))
+        return bool(re.match("currents|a NetCDF file", describe(path, how)["what"]))
 
 
 def examine(path: Path, *others: Path, how: Reading) -> dict[str, Any]:
@@ -155,7 +158,8 @@ def _of_trajectories(path: tuple[Path, ...], how: Reading) -> dict[str, Any]:
 def _of_currents(path: tuple[Path, ...], how: Reading) -> dict[str, Any]:
     from ..currents.ocean import read_moments
 
-    times, sea = read_moments(path), drift.open_currents(path, mean=True)
+    times = read_moments(path, **how.said)
+    sea = drift.open_currents(path, mean=True, **how.said)
     about = sea.attrs
     return {
         "eastward": about["east_from"],
@@ -186,7 +190,7 @@ def save_picture(path: Path, what: str, out: Path, how: Reading) -> None:
             seen = how.open_trajectories(path)
             ax.scatter(seen.lon, seen.lat, 2, seen.drifter, cmap="tab20")
         elif kind == "currents":
-            sea = drift.open_currents(path, mean=True)
+            sea = drift.open_currents(path, mean=True, **how.said)
             speed = (sea.u**2 + sea.v**2).values[0, 0] ** 0.5
             mesh = ax.pcolormesh(sea.lon, sea.lat, speed)
             figure.colorbar(mesh, label="speed of the mean current (m/s)")

@@ -262,3 +262,72 @@ def test_lines_and_folders_are_said(tmp_path, capsys):
     assert status == 1
     assert report["files"] == {"clean.map": "a map", "streets.geojson": "not read"}
     assert "lines are neither" in report["doubts"][-1]
+
+
+def in_furlongs():
+    file = products.regular()
+    for name in ("uo", "vo"):
+        file[name].attrs["units"] = "furlongs"
+    return file
+
+
+HOURS = ["--time-units", "hours since 2020-01-01"]
+# A file of currents, and the options that its doubt names.
+UNSAID = {
+    "dims": (
+        products.regular(dims=("when", "row", "col")).drop_vars(("when", "row", "col"))
+        .assign(P=("col", products.LON), Q=("row", products.LAT)),
+        ["--dims", "when=time", "row=y", "col=x", "--coords", "P", "Q", *HOURS],
+    ),
+    "time_units": (
+        products.regular(time=(np.arange(3), {"units": "moons"})), HOURS
+    ),
+    "calendar": (
+        products.regular(time=products.hours(calendar="mayan")), ["--calendar", "standard"]
+    ),
+    "units": (in_furlongs(), ["--units", "cm/s"]),
+    "variables": (products.regular("p", "q"), ["--variables", "p", "q"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("unsaid", UNSAID)
+def test_currents_are_free_of_doubt_with_the_options_that_it_names(unsaid, tmp_path, capsys):
+    file, options = UNSAID[unsaid]
+    products.write(tmp_path, file)
+    status, report = report_of(capsys, tmp_path / "sea.nc")
+    assert status == 1
+    assert options[0] in report["doubts"][0]
+    picture = ["--out", tmp_path / "sea.png"]
+    status, report = report_of(capsys, tmp_path / "sea.nc", *options, *picture)
+    assert (status, report["records"], report["doubts"]) == (0, products.RECORDS, [])
+    assert report["what"].startswith("currents")
+
+
+def test_a_group_is_chosen(tmp_path, capsys):
+    for name in ("a", "b"):
+        products.regular().to_netcdf(tmp_path / "sea.nc", mode="a", group=name)
+    assert main(["doctor", str(tmp_path / "sea.nc")]) == 2
+    assert "--group b" in capsys.readouterr().err
+    assert report_of(capsys, tmp_path / "sea.nc", "--group", "b")[0] == 0
+
+
+def test_currents_are_read_with_their_grid(tmp_path, capsys):
+    parts = ("u", "vozocrtx", 0.5), ("v", "vomecrty", 0.25)
+    mesh = products.nemo_mesh()
+    products.write(tmp_path, mesh, "mesh_mask.nc")
+    for point, name, value in parts:
+        products.write(tmp_path, products.nemo(mesh, point, name, value), f"{point}.nc")
+    both = tmp_path / "u.nc", tmp_path / "v.nc"
+    _, report = report_of(capsys, *both)
+    assert "--grid" in report["doubts"][0]
+    status, report = report_of(capsys, *both, "--grid", tmp_path / "mesh_mask.nc")
+    assert (status, report["records"]) == (0, products.RECORDS)
+
+
+def test_options_of_currents_are_refused_for_other_files(tmp_path, capsys):
+    (tmp_path / "clean.map").write_text(SQUARES)
+    assert main(["doctor", str(tmp_path / "clean.map"), "--units", "cm/s"]) == 2
+    assert "--units: it has an effect on currents, not on a map" in capsys.readouterr().err
+    products.write(tmp_path, products.regular())
+    _, report = report_of(capsys, tmp_path / "sea.nc", "--dims", "k=depth")
+    assert "dims: 'k' is not a dimension" in report["doubts"][0]

@@ -1,32 +1,60 @@
 import contextlib
 import dataclasses
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
+from ...study.parameters import Only, check
 from ..output import Printing
 from ..terminal import status, table
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RobotCheck(Printing):
-    """Read the sensors of a robot: battery, contacts, cliffs."""
+    """Read the sensors of a robot: battery, contacts, cliffs; or the settings of a Create 3."""
 
     example: ClassVar[str] = "--port /dev/ttyUSB0"
+    one_of: ClassVar[tuple[str, ...]] = ("port", "ros")
 
-    port: str
+    port: str | None = None
     """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
-    firmware: bool = False
+    ros: Annotated[Literal["create3"] | None, Only(port=False)] = None
+    """Ask a Create 3 or a TurtleBot 4 on ROS 2 for the two settings that a run needs."""
+    remap: Annotated[tuple[str, ...], Only(ros=True)] = ()
+    """Rules that rename topics of ROS, such as __ns:=/robot1."""
+    firmware: Annotated[bool, Only(ros=False)] = False
     """Reboot the robot to read its firmware version; the reboot takes ten seconds."""
-    move: bool = False
+    move: Annotated[bool, Only(ros=False)] = False
     """Drive 10 cm forward and back."""
 
     def run(self) -> int:
+        check(self)
+        state = self._of_ros() if self.port is None else self._on_line(self.port)
+        rows = [(name, str(value)) for name, value in state.items()]
+        self.report(state, lambda: table(f"The robot at {self.port or 'ROS 2'}", ("", ""), rows))
+        return 0 if state["danger"] is None else 1
+
+    def _of_ros(self) -> dict[str, Any]:
+        from ...robot import RobotStopped, ros
+
+        state: dict[str, Any] = {"ros": self.ros, "danger": None}
+        try:
+            with ros.Create3(remap=self.remap) as robot:
+                settings, command = robot.settings()
+                state |= settings
+                if command:
+                    raise RobotStopped(f"a run needs other settings: {command}")
+                robot.arm()
+        except RobotStopped as error:
+            state["danger"] = str(error)
+        return state
+
+    def _on_line(self, port: str) -> dict[str, Any]:
         from ...robot import Create, RobotStopped
 
-        state: dict[str, Any] = {"port": self.port}
+        state: dict[str, Any] = {"port": port}
         if self.firmware:
-            state["firmware"] = self._firmware()
+            state["firmware"] = self._firmware(port)
         try:
-            with Create.open(self.port) as robot:
+            with Create.open(port) as robot:
                 now = robot.sensors()
                 state |= {
                     "mode": now.mode.name.lower(),
@@ -47,15 +75,13 @@ class RobotCheck(Printing):
                         state["bumped"] = moved.bumped
         except RobotStopped as error:
             state["danger"] = str(error)
-        rows = [(name, str(value)) for name, value in state.items()]
-        self.report(state, lambda: table(f"The robot at {self.port}", ("", ""), rows))
-        return 0 if state["danger"] is None else 1
+        return state
 
-    def _firmware(self) -> str:
+    def _firmware(self, port: str) -> str:
         from ...robot.create.line import firmware, open_line
 
         with (
-            contextlib.closing(open_line(self.port)) as line,
+            contextlib.closing(open_line(port)) as line,
             status("waiting for the robot to reboot"),
         ):
             return firmware(line)

@@ -66,7 +66,7 @@ def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
         ):
             raise file.error(
                 u, "expected longitudes and latitudes of its cells (XC, YC) in degrees; if another "
-                "file has them, name it with grid",
+                "file has them, name it with grid (--grid FILE)",
             )  # fmt: skip
         variables[name] = placed(dataset[position])
     for name, mask in {"mask_rho": "wet", "mask_u": "wet_u", "mask_v": "wet_v"}.items():

@@ -36,7 +36,8 @@ def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
         raise file.error(
             u,
             "on the sides of the cells of NEMO's grid, whose centres (glamt, gphit) are in another "
-            "file; name mesh_mask.nc, domain_cfg.nc or coordinates.nc with grid",
+            "file; name mesh_mask.nc, domain_cfg.nc or coordinates.nc "
+            "with grid (--grid FILE)",
         )
     placed = {}
     for name, point in {**_OF_THE_MESH, u: "u", v: "v"}.items():

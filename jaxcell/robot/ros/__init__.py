@@ -8,8 +8,9 @@ messages, which have the specified fields and types. According to the documentat
     bump.
 - By default the robot backs away from a bump, and drives only a few centimetres backward. A run
     needs other settings: `ros2 param set /motion_control reflexes.REFLEX_BUMP false` and
-    `ros2 param set /motion_control safety_override backup_only`. Because the cliff sensors look
-    ahead, the floor must have no edge behind the robot.
+    `ros2 param set /motion_control safety_override backup_only`. `jaxcell robot check --ros
+    create3` asks the robot for both. Because the cliff sensors look ahead, the floor must have no
+    edge behind the robot.
 - A cliff, a stall and a dropped wheel end a goal. Here they stop the robot until it is armed again.
 
 **Other stops.** `arm` refuses a robot until its bumper has reported (`hazard_detection` of a Create

@@ -16,6 +16,9 @@ _ANSWER, _FAREWELL = 5.0, 1.0
 
 _SUCCEEDED = 4
 _BACKUP_LIMIT, _BUMP = 0, 1
+# The settings of /motion_control that a run needs, and the fields and types of their values.
+_NEEDED: dict[str, bool | str] = {"safety_override": "backup_only", "reflexes.REFLEX_BUMP": False}
+_VALUES = {1: "bool_value", 4: "string_value"}
 _DANGERS = {2: "there is a cliff", 3: "a wheel is blocked", 4: "a wheel hangs in the air"}
 
 
@@ -54,6 +57,30 @@ class Create3(RosRobot):
             if not client.wait_for_server(timeout_sec=_ANSWER):
                 raise RobotStopped(f"nothing offers the action {name}")
         super().arm()
+
+    def settings(self) -> tuple[dict[str, bool | str | None], str]:
+        """Ask the robot for the two settings that a run needs.
+
+        **Returns:** their values, `None` for one that the robot does not know, and the command that
+        sets them to what a run needs, or `""`.
+
+        **Raises:** [`jaxcell.robot.RobotStopped`][] if nothing answers.
+        """
+        service, name = import_module("rcl_interfaces.srv"), "motion_control/get_parameters"
+        client = self.node.create_client(service.GetParameters, name)
+        node = self.node.resolve_service_name(name).rpartition("/")[0]
+        there = client.wait_for_service(timeout_sec=self.answer)
+        asked = self._watched(client.call_async(service.GetParameters.Request(names=[*_NEEDED])))
+        with self._news:
+            if not (there and self._news.wait_for(asked.done, self.answer)):
+                raise RobotStopped(f"{node} does not answer: is --remap right?")
+        values: dict[str, bool | str | None] = dict.fromkeys(_NEEDED)
+        # The answer of a node that lacks one of the settings is empty.
+        for name, answer in zip(_NEEDED, asked.result().values, strict=False):
+            values[name] = getattr(answer, _VALUES.get(answer.type, ""), None)
+        wrong = [name for name in _NEEDED if values[name] != _NEEDED[name]]
+        sets = (f"ros2 param set {node} {name} {str(_NEEDED[name]).lower()}" for name in wrong)
+        return values, " && ".join(sets)
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
         goal = self._drive.Goal()

@@ -21,9 +21,6 @@ if TYPE_CHECKING:
 else:
     Files = Source = tuple[Path, ...]
 
-SAID = ("dims", "coords", "time_units", "calendar", "mask", "units", "group")
-"""The options for what files do not say themselves."""
-
 DAY = 86_400.0
 """Seconds in a day."""
 
@@ -68,15 +65,11 @@ class SeaStudy(Study):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class CurrentStudy(SeaStudy):
-    """Base class of studies of drifters in a current, with the options to read it."""
-
-    headings: ClassVar[Headings] = {"What does the file not say itself?": SAID}
+class Naming:
+    """The options for what files of currents do not say themselves."""
 
     grid: Path | None = None
     """File of the grid, such as mesh_mask.nc of NEMO, if the files of currents lack the grid."""
-    bounds: Bounds | None = None
-    """West, south, east and north limits of the region to read, in degrees."""
     variables: tuple[str, str] | None = None
     """Names of eastward and northward velocity variables, if the file does not identify them."""
     dims: tuple[str, ...] | None = None
@@ -94,6 +87,21 @@ class CurrentStudy(SeaStudy):
     """Unit of the velocities, such as cm/s or knots."""
     group: str | None = None
     """Group of the file that has the velocities."""
+
+    @property
+    def said(self) -> dict[str, Any]:
+        """The arguments of `open_currents` about what a file does not say."""
+        return {name: getattr(self, name) for name in Naming.__annotations__}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CurrentStudy(Naming, SeaStudy):
+    """Base class of studies of drifters in a current, with the options to read it."""
+
+    headings: ClassVar[Headings] = {"What does the file not say?": tuple(Naming.__annotations__)}
+
+    bounds: Bounds | None = None
+    """West, south, east and north limits of the region to read, in degrees."""
     windage: Share = 0.0
     """Share of the wind speed to add to the current at the surface; the file must have wind."""
     stokes: bool = False
@@ -112,14 +120,9 @@ class CurrentStudy(SeaStudy):
     diffusivity: Annotated[float, Unit("", "m2/s"), Limit(ge=0)] = 0.0
     """Horizontal diffusivity in m2/s of the motion that the current does not resolve."""
 
-    @property
-    def said(self) -> dict[str, Any]:
-        """The arguments of `open_currents` about what a file does not say."""
-        return {name: getattr(self, name) for name in SAID}
-
     def read(self, **options: Any) -> "xarray.Dataset":
         """Read the currents, with these options and those that the parameters give."""
-        names = "grid", "bounds", "variables", "windage", "stokes", "land", "gaps"
+        names = "bounds", "windage", "stokes", "land", "gaps"
         options |= {name: getattr(self, name) for name in names} | self.said
         # A dataset of the program cannot be a key of the cache.
         read: Any = _currents if isinstance(self.file, tuple) else _currents.__wrapped__
@@ -166,7 +169,7 @@ class WindowStudy(CurrentStudy):
 
         from ...currents.ocean import read_moments
 
-        moments = read_moments(self.file, grid=self.grid, variables=self.variables, **self.said)
+        moments = read_moments(self.file, **self.said)
         begin = self.on if self._period is None else self._period[0]
         on = moments[0] if begin is None else self._moment(begin)
         end = on + np.timedelta64(round(self.days * DAY * 1e9), "ns")

@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -261,6 +262,39 @@ def test_a_robot_without_odometry_or_a_topic_of_speeds_is_refused(world, kind, l
 def test_a_missing_installation_of_ros_is_an_error_with_a_remedy():
     with pytest.raises(ModuleNotFoundError, match=r"^ROS 2 is not set up; first run: source "):
         Create3().__enter__()
+
+
+def test_check_names_the_command_that_sets_a_create_3(world_of, capsys):
+    world = world_of((1.0, 1.5, 0.0), "create3")
+    words = ["robot", "check", "--ros", "create3", "--json"]
+    bump = "ros2 param set /motion_control reflexes.REFLEX_BUMP false"
+    backup = "ros2 param set /motion_control safety_override backup_only"
+    needs = "a run needs other settings: "
+
+    def checked():
+        status = main(words)
+        danger = json.loads(capsys.readouterr().out)["danger"]
+        assert status == (danger is not None)
+        return danger
+
+    assert checked() == f"{needs}{backup} && {bump}"
+    world.settings["reflexes.REFLEX_BUMP"] = False
+    assert checked() == needs + backup
+    world.settings["safety_override"] = "full"
+    assert checked() == needs + backup
+    world.settings["safety_override"] = "backup_only"
+    assert checked() is None
+    assert main(words[:-1]) == 0
+    assert re.search(r"safety_override +│ backup_only", capsys.readouterr().out)
+    world.docked = True
+    assert checked() == "it is on the dock"
+    world.docked = False
+    world.settings["reflexes.REFLEX_BUMP"] = True
+    assert checked() == needs + bump
+    del world.settings["safety_override"]
+    assert checked() == f"{needs}{backup} && {bump}"
+    world.silent.add("motion_control/get_parameters")
+    assert checked() == "/motion_control does not answer: is --remap right?"
 
 
 def test_the_watchdog_stops_a_robot_whose_driver_is_gone(tmp_path, kind):
