@@ -69,8 +69,8 @@ class Doctor(Naming, Printing):
         else:
             for paths, report in zip(sources, reports, strict=True):
                 shown = report | {"doubts": "\n".join(report["doubts"]) or "none"}
-                rows = [(name.replace("_", " "), _shown(value)) for name, value in shown.items()]
-                table(", ".join(map(str, paths)), ("", ""), rows)
+                names = [name.replace("_", " ") for name in shown]
+                table(", ".join(map(str, paths)), names, [[*map(_shown, shown.values())]])
         if self.out is not None:
             save_picture(self.file[0], reports[0]["what"], self.out, how)
         return int(any(report["doubts"] for report in reports))

@@ -124,7 +124,7 @@ def test_indices_are_told_from_counts():
     [
         "maps",
         "doctor @lab_a",
-        "doctor @gyres",
+        "doctor @eight",
         "groups @lab_a --bounce 45 90 135",
         "localize @lab_a --bounce 45 --start 19",
         "patrol graph @eight --robots 2",
