@@ -197,10 +197,10 @@ def read_regions(
     - `path`: a collection of features, polygons or multipolygons, in degrees.
     - `water`: the cells; a region consists of the cells whose centre is within its polygon.
 
-    **Returns:** the names as in [`read_polygons`][]; and the mask of the cells of each region. A
+    **Returns:** the names as in `read_polygons`; and the mask of the cells of each region. A
     polygon without such a cell is left out with a warning.
 
-    **Raises:** the errors of [`read_polygons`][]; and `ValueError` if no polygon has a cell.
+    **Raises:** the errors of `read_polygons`; and `ValueError` if no polygon has a cell.
 
     A square in the middle of the bundled sea:
 
