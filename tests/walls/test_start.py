@@ -116,7 +116,7 @@ def test_a_word_of_a_compass_is_a_heading(text, degrees):
 
 def navigate(goal, **given):
     return NavigateAnywhere(
-        map=bundled("complex"), bounce=(45, 90, 135), goal=goal, measured=True, **given
+        map=bundled("complex"), bounce=(45.0, 90.0, 135.0), goal=goal, measured=True, **given
     ).run()
 
 
