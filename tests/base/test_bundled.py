@@ -24,6 +24,7 @@ def test_each_file_has_a_name_of_its_own():
         for path in (ROOT / "data" / folder).iterdir()
         if path.suffix in ENDS
     }
+    files.add(ROOT / "data/ocean/gdp.npz")
     assert set(bundled_names().values()) == files
     for name, path in bundled_names().items():
         assert bundled(name) == bundled(f"@{name}") == path

@@ -53,6 +53,6 @@ def test_the_answer_names_the_angles_and_the_poses_that_look_alike():
         map=room, for_="localize", count=1, resolution=90.0, robots=8, bumps=6, measured=True
     ).run()
     assert found.angles_deg[0] in found.answer[0]
-    assert "8 robots" in found.answer[0]
+    assert "8 simulated robots" in found.answer[0]
     assert "not localized by any" in found.answer[1]
     assert found.share[0] == np.isfinite(found.best.bumps_until_localized).mean()
