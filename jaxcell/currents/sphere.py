@@ -243,6 +243,14 @@ def on_sphere(
     return np.stack([np.cos(north) * np.cos(east), np.cos(north) * np.sin(east), np.sin(north)])
 
 
+def distances(
+    points: Float[np.ndarray, "3 *all"], others: Float[np.ndarray, "3 *any"]
+) -> Float[np.ndarray, "*all"]:
+    """Compute great-circle distances in metres between unit vectors; `others` are broadcast."""
+    chord = np.linalg.norm(points - others, axis=0)
+    return 2 * EARTH_RADIUS * np.arcsin(np.minimum(chord / 2, 1))
+
+
 def turned(
     x: Float[Any, "*any"], y: Float[Any, "*any"], angle: Float[np.ndarray, "..."]
 ) -> tuple[Float[Any, "*all"], Float[Any, "*all"]]:

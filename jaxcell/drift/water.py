@@ -10,7 +10,7 @@ from scipy.sparse import coo_array, csgraph
 from scipy.spatial import cKDTree
 
 from ..base.shown import Shown
-from ..currents.sphere import EARTH_RADIUS, goes_round, on_sphere
+from ..currents.sphere import distances, goes_round, on_sphere
 
 
 # Water is connected along sides and at corners, because drifters move both ways.
@@ -180,8 +180,7 @@ class Water(Shown):
         if not (np.isfinite(lon) and -90 <= lat <= 90):
             raise ValueError(f"place: expected a longitude and a latitude, got ({lon}, {lat})")
         place = on_sphere(*np.array([lon, lat], float)[:, None, None])
-        chord = np.linalg.norm(on_sphere(self.lon, self.lat) - place, axis=0)
-        away = 2 * EARTH_RADIUS * np.arcsin(np.minimum(chord / 2, 1))
+        away = distances(on_sphere(self.lon, self.lat), place)
         row, column = np.unravel_index(np.nanargmin(away), away.shape)
         if away[row, column] > self.reach[row, column]:
             raise ValueError(

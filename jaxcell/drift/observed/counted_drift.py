@@ -8,10 +8,11 @@ from jaxtyping import Float, Int
 from scipy.sparse import csgraph
 
 from ...base.formatting import in_time, percent
-from ...base.quantities import Result, derived, from_part, quantity
+from ...base.quantities import derived, from_part, quantity
 from ...mapping import Chain
 from ...markov import NearlyClosedSets, almost_invariant_sets
 from ..flow import steps_in
+from ..results.on_map import OnMap
 from ..results.sentences import name_place
 from ..water import Water
 from .cell_counts import CellCounts
@@ -35,7 +36,7 @@ _Route = tuple[Int[np.ndarray, "_places"], Float[np.ndarray, "_places"]]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class CountedDrift(Result):
+class CountedDrift(OnMap):
     """The patches and routes of drifters whose moves between cells of any shape were counted.
 
     Two cells, of which the second gathers nine tenths of the drifters:
@@ -310,14 +311,6 @@ class CountedDrift(Result):
     def on_squares(self, values: Any) -> np.ndarray:
         """Select the value of the cell of each square of the map."""
         return np.asarray(values)[..., self._drawn[1]]
-
-    @derived("y x", "longitude", "degrees_east", kind="coordinate", standard_name="longitude")
-    def lon(self) -> Float[np.ndarray, "rows columns"]:
-        return self.waters[0].lon
-
-    @derived("y x", "latitude", "degrees_north", kind="coordinate", standard_name="latitude")
-    def lat(self) -> Float[np.ndarray, "rows columns"]:
-        return self.waters[0].lat
 
     @derived("y x", "logarithm (base 10) of the density at the end, of that before", padding=_DRY)
     def density(self) -> Float[np.ndarray, "rows columns"]:

@@ -9,13 +9,14 @@ import scipy.sparse
 from jaxtyping import Bool, Float
 
 from ...base.formatting import counted, in_time, percent
-from ...base.quantities import Result, derived, quantity
-from ...currents.sphere import EARTH_RADIUS, on_sphere
+from ...base.quantities import derived, quantity
+from ...currents.sphere import distances, on_sphere
 from ...optimize import LargestCover, largest_cover
 from ..flow import Flow
 from ..positions import in_degrees
 from ..released_drifters import DAY, Look, Release, release_drifters, visit_cells
 from ..water import Water
+from .on_map import InOneLayer
 from .sentences import name_day, name_length
 
 
@@ -30,7 +31,7 @@ _of_drop = functools.partial(derived, "drop")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Dropped(Result):
+class Dropped(InOneLayer):
     """Cells in which to drop a number of drifters, so that they visit many cells in a time.
 
     Two drifters for two hours in the bundled sea:
@@ -130,24 +131,6 @@ class Dropped(Result):
             days / _HOUR, **about,
         )  # fmt: skip
 
-    @property
-    def waters(self) -> tuple[Water]:
-        """The cells of the only layer."""
-        return (self.water,)
-
-    @property
-    def step(self) -> float:
-        """The seconds until the first time of the tracks."""
-        return float(_HOUR * self.hours[0])
-
-    @derived("y x", "longitude", "degrees_east", kind="coordinate", standard_name="longitude")
-    def lon(self) -> Float[np.ndarray, "rows columns"]:
-        return self.water.lon
-
-    @derived("y x", "latitude", "degrees_north", kind="coordinate", standard_name="latitude")
-    def lat(self) -> Float[np.ndarray, "rows columns"]:
-        return self.water.lat
-
     visited = derived(
         "", "cells that the drifters visit, dropped anywhere in the cells, on average"
     )(lambda found: float(found._visit[found.inside].sum()))
@@ -208,10 +191,6 @@ class Dropped(Result):
             "is not included.",
         )
 
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        return self.notices
-
     @functools.cached_property
     def _visit(self) -> Float[np.ndarray, "cells"]:
         return 1 - np.prod(1 - self.checked.toarray(), axis=0)
@@ -221,8 +200,7 @@ class Dropped(Result):
         """The distances in km of the ends of drifters from that of the one from the middle."""
         ends = in_degrees(self.water, self.checked_ends.x, self.checked_ends.y)
         place = on_sphere(self.end_lon, self.end_lat)[..., None]
-        chord = np.linalg.norm(on_sphere(*ends).reshape(3, -1, _CHECKED) - place, axis=0)
-        return 2 * EARTH_RADIUS / 1000 * np.arcsin(np.minimum(chord / 2, 1))
+        return distances(on_sphere(*ends).reshape(3, -1, _CHECKED), place) / 1000
 
     @functools.cached_property
     def _places(self) -> tuple[Any, Any]:

@@ -7,12 +7,13 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Float, Int
 
-from ...base.quantities import Checks, Result, derived
+from ...base.quantities import Checks, derived
 from ..layered_cells import Sea
 from ..matched_ranks import basin_ranks
 from ..water import Water
 from .flattened import flattened
 from .layer_ends import EndTotals, LayerEnds
+from .on_map import OnMap
 
 
 _SQUARES = "layer y x"
@@ -22,7 +23,7 @@ _share = functools.partial(derived, units="1", kind="share", padding=_PADDING)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class LayeredResult(Result):
+class LayeredResult(OnMap):
     """The long-term behaviour of drifters in layers of the sea, on the squares of the grid."""
 
     picture: ClassVar[str] = "basin"
@@ -102,14 +103,6 @@ class LayeredResult(Result):
         most = max(rank.size for rank in self.group_ranks)
         padded = [np.pad(r, (0, most - r.size), constant_values=-1) for r in self.group_ranks]
         return np.stack(padded)
-
-    @derived("y x", "longitude", "degrees_east", kind="coordinate", standard_name="longitude")
-    def lon(self) -> Float[np.ndarray, "rows columns"]:
-        return self.waters[0].lon
-
-    @derived("y x", "latitude", "degrees_north", kind="coordinate", standard_name="latitude")
-    def lat(self) -> Float[np.ndarray, "rows columns"]:
-        return self.waters[0].lat
 
     @derived("layer", "depth", "m", kind="coordinate", standard_name="depth", positive="down")
     def depth(self) -> Float[np.ndarray, "layers"]:

@@ -8,13 +8,14 @@ from jaxtyping import Bool, Float, Int
 
 from ...base.formatting import counted, in_time, percent
 from ...base.intervals import clopper_pearson
-from ...base.quantities import Result, derived, quantity
-from ...currents.sphere import EARTH_RADIUS, on_sphere
+from ...base.quantities import derived, quantity
+from ...currents.sphere import distances, on_sphere
 from ..flow import Flow
 from ..positions import in_degrees
 from ..released_drifters import Release, push_release, release_drifters
 from ..validation.simulated_drifters import total_variation
 from ..water import Water, square
+from .on_map import InOneLayer
 from .sentences import name_day, name_length, name_place
 
 
@@ -31,7 +32,7 @@ _of_stretch = functools.partial(derived, "stretch")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Released(Result):
+class Released(InOneLayer):
     """The places of drifters from one release at some times, with exact intervals, and the chain.
 
     Two hours in the bundled sea, from the middle of cell 100:
@@ -119,24 +120,6 @@ class Released(Result):
         place = water.centre(share)
         names = np.array([*names, "a square at the coast"])
         return cls(water, hours, names, drifters, by_chain, place, **about)
-
-    @property
-    def waters(self) -> tuple[Water]:
-        """The cells of the only layer."""
-        return (self.water,)
-
-    @property
-    def step(self) -> float:
-        """The seconds until the first time of the answer."""
-        return float(3600 * self.hours[0])
-
-    @derived("y x", "longitude", "degrees_east", kind="coordinate", standard_name="longitude")
-    def lon(self) -> Float[np.ndarray, "rows columns"]:
-        return self.water.lon
-
-    @derived("y x", "latitude", "degrees_north", kind="coordinate", standard_name="latitude")
-    def lat(self) -> Float[np.ndarray, "rows columns"]:
-        return self.water.lat
 
     @derived("", "drifters that were simulated", kind="count")
     def released(self) -> int:
@@ -244,10 +227,6 @@ class Released(Result):
     def answer(self) -> tuple[str, ...]:
         """The place, the coast, the regions, and the certainty, each in a sentence."""
         return tuple(filter(None, (self._where, *self._arrivals, self._certain)))
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        return self.notices
 
     @property
     def _where(self) -> str:
@@ -378,5 +357,4 @@ def _kilometres(
     points: Float[np.ndarray, "3 some"], lon: float, lat: float
 ) -> Float[np.ndarray, "some"]:
     """Compute great-circle distances from a place."""
-    chord = np.linalg.norm(points - on_sphere(*np.array([lon, lat])[:, None]), axis=0)
-    return 2 * EARTH_RADIUS / 1000 * np.arcsin(np.minimum(chord / 2, 1))
+    return distances(points, on_sphere(*np.array([lon, lat])[:, None])) / 1000
