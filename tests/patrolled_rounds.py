@@ -3,6 +3,7 @@
 import itertools
 import math
 
+import networkx as nx
 import numpy as np
 import scipy.optimize
 
@@ -100,3 +101,12 @@ def least_risk(edges, attack, value, robots=1):
     cost = np.append(np.zeros(len(moves)), 1.0)
     total = np.append(np.zeros(len(number)), 1.0)
     return scipy.optimize.linprog(cost, rows, np.zeros(len(attack)), balance, total).fun
+
+
+def draw_game_on_a_tree(random, seed):
+    """Draw edges with whole times, and the attacks, values and number of robots of a game."""
+    vertices = int(random.integers(2, 5))
+    tree = nx.random_labeled_tree(vertices, seed=seed)
+    edges = [(a, b, int(random.integers(1, 3))) for a, b in tree.edges]
+    attack, value = random.integers(1, 4, (2, vertices)).tolist()
+    return edges, attack, value, int(random.integers(1, min(vertices, 3)))

@@ -1,9 +1,8 @@
 """Schedules of which one is drawn each night, against own linear programs and own draws."""
 
-import networkx as nx
 import numpy as np
 import pytest
-from patrolled_rounds import least_risk, waits
+from patrolled_rounds import draw_game_on_a_tree, least_risk, waits
 
 from jaxcell.patrol import Graph
 from jaxcell.patrol.rounds import Game, best_mixture, best_rounds, bound
@@ -12,19 +11,15 @@ from jaxcell.patrol.rounds import Game, best_mixture, best_rounds, bound
 @pytest.mark.parametrize("seed", range(12))
 def test_draw_is_as_good_as_the_best_of_all_strategies(seed):
     random = np.random.default_rng(seed)
-    vertices = int(random.integers(2, 5))
-    tree = nx.random_labeled_tree(vertices, seed=seed)
-    edges = [(a, b, int(random.integers(1, 3))) for a, b in tree.edges]
-    attack, value = random.integers(1, 4, (2, vertices))
-    robots = int(random.integers(1, min(vertices, 3)))
-    times = np.array([time for *_, time in edges], float)
-    graph = Graph([edge[:2] for edge in edges], vertices, ways=times)
-    game = Game.of(graph, attack.astype(float), value=value.astype(float), robots=robots, speed=1.0)
+    edges, attack, value, robots = draw_game_on_a_tree(random, seed)
+    ways = [float(time) for *_, time in edges]
+    graph = Graph([edge[:2] for edge in edges], len(attack), ways=ways)
+    game = Game.of(graph, attack, value=value, robots=robots, speed=1.0)
     drawn = best_mixture(game)
-    least = least_risk(edges, attack.tolist(), value.tolist(), robots)
+    least = least_risk(edges, attack, value, robots)
     assert drawn.risk == pytest.approx(least, abs=1e-7)
     assert drawn.chance.sum() == pytest.approx(1, abs=1e-12)
-    late = np.zeros(vertices)
+    late = np.zeros(len(attack))
     for routes, chance in zip(drawn.schedules, drawn.chance, strict=True):
         period = np.lcm.reduce([round(route.period) for route in routes])
         moments = np.arange(0, period, 0.5) + 0.25

@@ -7,7 +7,7 @@ import networkx as nx
 import numpy as np
 import pytest
 import scipy.optimize
-from patrolled_rounds import least_risk, waits
+from patrolled_rounds import draw_game_on_a_tree, least_risk, waits
 
 from jaxcell.patrol import Graph, maximin_capture
 from jaxcell.patrol.rounds import Game, Guarded, best_rounds, best_routes, bound, evaluate
@@ -84,20 +84,16 @@ def test_guards_share_a_target_in_turn():
 @pytest.mark.parametrize("seed", range(12))
 def test_least_risk_is_that_of_an_own_linear_program(seed):
     random = np.random.default_rng(seed)
-    vertices = int(random.integers(2, 5))
-    tree = nx.random_labeled_tree(vertices, seed=seed)
-    edges = [(a, b, int(random.integers(1, 3))) for a, b in tree.edges]
-    attack, value = random.integers(1, 4, (2, vertices))
-    robots = int(random.integers(1, min(vertices, 3)))
-    times = np.array([time for *_, time in edges], float)
-    graph = Graph([edge[:2] for edge in edges], vertices, ways=times)
-    game = Game.of(graph, attack.astype(float), value=value.astype(float), robots=robots, speed=1.0)
-    least = least_risk(edges, attack.tolist(), value.tolist(), robots)
+    edges, attack, value, robots = draw_game_on_a_tree(random, seed)
+    ways = [float(time) for *_, time in edges]
+    graph = Graph([edge[:2] for edge in edges], len(attack), ways=ways)
+    game = Game.of(graph, attack, value=value, robots=robots, speed=1.0)
+    least = least_risk(edges, attack, value, robots)
     limit = bound(game)
-    assert (1 - limit.capture) * value.max() == pytest.approx(least, abs=1e-7)
+    assert (1 - limit.capture) * max(value) == pytest.approx(least, abs=1e-7)
     routes = best_routes(game)
     found = evaluate(game, routes)
-    assert least - 1e-9 <= found.risk(game).max() <= least + 0.031 * value.max()
+    assert least - 1e-9 <= found.risk(game).max() <= least + 0.031 * max(value)
     moments = random.uniform(0, routes[0].period, 500)
     late = np.array([(waits(routes, v, moments, 8) > a).mean() for v, a in enumerate(attack)])
     error = (found.exposure * (1 - found.exposure) / moments.size) ** 0.5
