@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.sparse.linalg
 
 from jaxcell.mapping import Chain, ChainSequence
 from jaxcell.markov import leading_modes
@@ -253,6 +254,25 @@ def test_ties_lead_by_modulus_in_chains_of_many_cells(name, count):
     values = in_order(np.linalg.eigvals(P))[: modes.value.size]
     np.testing.assert_allclose(modes.value, values, atol=1e-7)
     np.testing.assert_allclose(modes.left @ modes.right.T, np.eye(values.size), atol=1e-7)
+
+
+@pytest.mark.parametrize("found", [1, 3, 4])
+def test_vectors_that_arnoldi_does_not_return_are_searched_again(found, monkeypatch):
+    """ARPACK may return fewer vectors than it was asked for; here it always does at first."""
+    eigs, calls = scipy.sparse.linalg.eigs, []
+
+    def fewer(operator, wanted, **options):
+        values, vectors = eigs(operator, wanted, **options)
+        calls.append(wanted)
+        kept = found if len(calls) == 1 else None
+        return values[:kept], vectors[:, :kept]
+
+    monkeypatch.setattr(scipy.sparse.linalg, "eigs", fewer)
+    P = many_cells("split")
+    modes = leading_modes(Chain.from_scipy(P), 5)
+    values = in_order(np.linalg.eigvals(P))[: modes.value.size]
+    assert calls[0] == 5
+    np.testing.assert_allclose(modes.value, values, atol=1e-7)
 
 
 def test_a_matrix_with_fewer_eigenvectors_has_no_more_modes():
