@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 import scipy.linalg
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 
 from ...base import memory
@@ -16,12 +16,13 @@ from ...base.precision import require_x64
 from ...base.process import one_blas_thread
 from ...base.shown import Shown
 from ...markov.transient import Transient
+from ...space.box import Box
 from ..imaging import mapped_points
 from ..maps import Flow, Map
 from ..system import System
 from .chains import sampled
 from .deviations import listed
-from .ends import Ends, Region
+from .ends import Region
 from .escape import escape, posed
 from .windows import Windows, changes, matrix
 
@@ -116,13 +117,17 @@ class Family:
     """The chains of a noisy map along a parameter, with the solutions of some of them."""
 
     map: Map
-    ends: Ends
+    around: Box
     params: dict[str, Any]
     name: str
     noise: Float[np.ndarray, "axes"]
-    points: Float[np.ndarray, "cells samples axes"]
-    weight: Float[np.ndarray, "cells"]
-    "The weights of the cells around the start."
+    points: Float[np.ndarray, "rows samples axes"]
+    "The points of the cells that are not completely in a region: the rows of the chains."
+    weight: Float[np.ndarray, "rows"]
+    "The weights of the rows around the start."
+    rest: Float[np.ndarray, "around"]
+    "The share of each cell of `around` in which the chain goes on, in the row of the next field."
+    row: Int[np.ndarray, "around"]
     width: float
     "The distance of the nodes of the coarsest lattice."
     nodes: dict[float, Any] = dataclasses.field(default_factory=dict)
@@ -147,13 +152,15 @@ class Family:
         if each.shape != (box.dimensions,) or not (np.isfinite(each) & (each > 0)).all():
             raise ValueError(f"noise: expected {box.dimensions} numbers above 0, got {noise}")
         memory.check(32 * box.size**2, f"exit times of {box.size} cells", "use fewer cells")
-        points = sampled(box, np.arange(box.size, dtype=np.int32))
-        near = ends.weights([float(one) for one in start], odd=False)[: box.size]
-        weight = np.where(ends.open, near, 0.0)
+        alive = ends.open
+        points = sampled(box, np.flatnonzero(alive).astype(np.int32))
+        weight = ends.weights([float(one) for one in start], odd=False)[: box.size][alive]
+        rest = (1 - ends.share.sum(axis=0)) * alive[ends.nearest]
+        row = np.maximum(np.cumsum(alive) - 1, 0)[ends.nearest]
         speed = _speed(map, params, name, points) / each
         width = _MOVES / (float(np.sqrt((speed**2).mean())) or 1.0)
         width = 2.0 ** np.floor(np.log2(width))
-        return cls(map, ends, params, name, each, points, weight, width)
+        return cls(map, ends.around, params, name, each, points, weight, rest, row, width)
 
     @one_blas_thread()
     def at(self, value: float) -> tuple[float, float, float] | None:
@@ -178,7 +185,7 @@ class Family:
         share, slope = _interpolation(at, value)
         # Of times and visits: values, and derivatives by the parameter.
         each = np.stack(solved, axis=-1)
-        both = np.exp(each @ share) * self.ends.open
+        both = np.exp(each @ share)
         moves = both * (each @ slope)
         (mean, by, residual), left, astray = self._checked(value, *both)
         # The mean time with the first correction, and its derivative along the interpolation.
@@ -193,49 +200,44 @@ class Family:
     def _windows(self, value: float) -> Windows:
         params = {name: jnp.asarray(one, float) for name, one in self.params.items()}
         params[self.name] = jnp.asarray(value, float)
-        rest = 1 - self.ends.share.sum(axis=0)
-        about = self.noise, self.points, rest, self.ends.nearest
-        return Windows.of(self.map, self.ends.around, params, *about)
+        return Windows.of(
+            self.map, self.around, params, self.noise, self.points, self.rest, self.row
+        )
 
     def _checked(self, value: float, time: Any, visits: Any) -> tuple[Any, Any, Any]:
         """Compute the mean time, derivative and residual, and the residual of each cell."""
         windows = self._windows(value)
         slope = {name: jnp.asarray(float(name == self.name)) for name in windows.params}
         change, by, after = map(np.asarray, changes(windows, slope, time, visits))
-        alive = self.ends.open
-        left = np.where(alive, 1 + change, 0.0)
-        astray = np.where(alive, self.weight + after - visits, 0.0)
+        left, astray = 1 + change, self.weight + after - visits
         mean = float(self.weight @ time + visits @ left)
         worst, other = float(np.abs(left).max()), float(np.abs(astray) @ time) / mean
         residual = worst * other / (1 - worst) if worst < 1 else np.inf
         return (mean, float(visits @ by), residual), left, astray
 
     def _solved(self, value: float) -> Any:
-        alive = np.flatnonzero(self.ends.open)
-        inside = np.asarray(matrix(self._windows(value)))
-        system = np.eye(alive.size) - inside[np.ix_(alive, alive)]
-        factor = scipy.linalg.lu_factor(system, overwrite_a=True, check_finite=False)
+        size = len(self.points)
+        inside = np.asarray(matrix(self._windows(value)))[:size, :size]
+        factor = scipy.linalg.lu_factor(np.eye(size) - inside, overwrite_a=True, check_finite=False)
 
         def solve(right: Any, adjoint: int) -> np.ndarray:
-            x = np.zeros(self.ends.box.size)
-            x[alive] = scipy.linalg.lu_solve(factor, right[alive], adjoint, check_finite=False)
-            return x
+            return scipy.linalg.lu_solve(factor, right, adjoint, check_finite=False)
 
-        time, visits = solve(np.ones(self.ends.box.size), 0), solve(self.weight, 1)
+        time, visits = solve(np.ones(size), 0), solve(self.weight, 1)
         _, left, astray = self._checked(value, time, visits)
         time, visits = time + solve(left, 0), visits + solve(astray, 1)
         residual = self._checked(value, time, visits)[0][2]
         if not np.isfinite(time).all():
             return None
-        if not (residual <= _MIDDLE / 10 and (time[alive] > 0).all()):
+        if not (residual <= _MIDDLE / 10 and (time > 0).all()):
             # Other factorisations lose digits of long times.
-            part = Transient.of(csr_array(inside), self.ends.open)
-            time[alive] = part.expect(np.empty((alive.size, 0))).value[:, 0]
-            visits[alive] = part.visited(self.weight[alive, None])[0][:, 0]
-        if not (np.isfinite(time[alive]).all() and (time[alive] > 0).all()):
+            part = Transient.of(csr_array(inside), np.ones(size, bool))
+            time = part.expect(np.empty((size, 0))).value[:, 0]
+            visits = part.visited(self.weight[:, None])[0][:, 0]
+        if not (np.isfinite(time).all() and (time > 0).all()):
             return None
         visits = np.maximum(visits, _LEAST * visits.max())
-        return np.log(np.stack([np.where(self.ends.open, time, 1.0), visits]))
+        return np.log(np.stack([time, visits]))
 
 
 def _speed(map: Map, params: dict[str, Any], name: str, points: Any) -> np.ndarray:

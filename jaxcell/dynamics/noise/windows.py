@@ -19,8 +19,8 @@ from ..maps import Map
 _CUT = 8.0
 # Widths of windows are multiples of it, so that few programs are compiled.
 _STEP = 4
-# Number of probabilities of windows that are computed at once.
-_PART = 1 << 17
+# Number of rows, one after the other, that share a window.
+_BLOCK = 16
 # Probability of leaving the box that is rounding, as in `leaving_rows` of chains.
 _LEAST = 1e-12
 
@@ -28,9 +28,10 @@ _LEAST = 1e-12
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class Windows:
-    """A chain of a noisy map that stops in regions: each row is a window of cells of a box.
+    """A chain of a noisy map that stops in regions: blocks of rows share a window of cells.
 
-    The box has one more cell beyond each clamped side, as `Ends.around`.
+    The probability of a cell is the product of those along the axes, so that a block is applied as
+    a product of matrices. The box has one more cell beyond each clamped side, as `Ends.around`.
     """
 
     map: Map = dataclasses.field(metadata={"static": True})
@@ -39,27 +40,30 @@ class Windows:
     params: Any
     noise: Any
     points: Any
+    "The points of each row `[blocks, rows, points, axes]`, where the last row may be repeated."
     rest: Any
     "The share of each cell of the box in which the chain goes on."
-    nearest: Any
-    "The row of each cell of the box."
+    row: Any
+    "The row of each cell of the box in which the chain goes on."
 
     @classmethod
     def of(
-        cls, map: Map, box: Box, params: Any, noise: Any, points: Any, rest: Any, nearest: Any
+        cls, map: Map, box: Box, params: Any, noise: Any, points: Any, rest: Any, row: Any
     ) -> "Windows":
-        """Find the number of cells that the longest window needs along each axis."""
+        """Find the number of cells that the longest window needs along each axis.
+
+        The points are those of each row `[rows, points, axes]`.
+        """
+        size = len(points)
+        count = min(_BLOCK, size)
+        points = points[np.minimum(np.arange(-(-size // count) * count), size - 1)]
+        points = points.reshape(-1, count, *points.shape[1:])
         reach = np.asarray(_reach(map, box, params, points)) + 2 * _CUT * noise / box.width
         each = np.ceil((reach + 2) / _STEP) * _STEP
         # Windows along a periodic axis may be longer than it.
         most = np.where(np.array(box.axes) == "periodic", np.inf, box.cells)
         wide = tuple(np.minimum(each, most).astype(int).tolist())
-        return cls(map, box, wide, params, noise, points, rest, nearest)
-
-    @property
-    def batch(self) -> int:
-        """The number of rows that are computed at once."""
-        return min(max(1, _PART // math.prod(self.wide)), len(self.points))
+        return cls(map, box, wide, params, noise, points, rest, row)
 
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
@@ -69,19 +73,29 @@ def _reach(map: Map, box: Box, params: Any, points: Any) -> Any:
 
 
 def _places(map: Map, box: Box, params: Any, points: Any) -> tuple[Any, Any]:
-    """Map the points of a cell; return the images in units of cells, and which are finite."""
-    image = jax.vmap(lambda x: jnp.asarray(map(x, params)))(points)
+    """Map the points of a block; return the images in units of cells, and which are finite."""
+    flat = points.reshape(-1, box.dimensions)
+    image = jax.vmap(lambda x: jnp.asarray(map(x, params)))(flat)
     finite = jnp.isfinite(image).all(axis=1)
     wrapped = box.wrapped(jnp.where(finite[:, None], image, 0.0))
     return (wrapped - jnp.asarray(box.lower)[None]) / box.width[None], finite
 
 
-def _row(windows: Windows, params: Any, points: Any) -> tuple[Any, Any, tuple[Any, ...]]:
-    """Compute the probabilities of the cells in a window, and of leaving, and list the cells."""
-    box, wide, noise = windows.box, windows.wide, windows.noise
+def _block(windows: Windows, params: Any, points: Any) -> tuple[Any, Any, Any, tuple[Any, ...]]:
+    """Compute the probabilities of the cells in the window of a block.
+
+    **Returns:** for each point of each row, the probabilities along all axes but the last, times
+    the weight of the point, and those along the last axis; the probability of leaving for each row;
+    and the cells along each axis.
+    """
+    box, noise = windows.box, windows.noise
     place, finite = _places(windows.map, box, params, points)
-    value, cells = finite[:, None].astype(float) / len(points), []
-    for axis, (count, kind, width) in enumerate(zip(box.cells, box.axes, wide, strict=True)):
+    value, along = finite[:, None].astype(float) / points.shape[1], jnp.ones((len(place), 1))
+    cells: list[Any] = []
+    for axis, (count, kind, width) in enumerate(
+        zip(box.cells, box.axes, windows.wide, strict=True)
+    ):
+        value = (value[:, :, None] * along[:, None]).reshape(len(place), -1)
         scale = noise[axis] / box.width[axis]
         first = jnp.floor(jax.lax.stop_gradient(place[:, axis].min() - _CUT * scale) + TOLERANCE)
         if kind != "periodic":
@@ -93,12 +107,8 @@ def _row(windows: Windows, params: Any, points: Any) -> tuple[Any, Any, tuple[An
         face = face.at[:, -1].set(jnp.where(sink & (first + width == count), high, jnp.inf))
         along = _between(face)
         cells.append((first.astype(int) + jnp.arange(width)) % count)
-        if axis + 1 < box.dimensions:
-            value = (value[:, :, None] * along[:, None]).reshape(len(points), -1)
-        else:
-            value = value.T @ along
-    leaving = 1 - value.sum()
-    return value.reshape(wide), jnp.where(leaving > _LEAST, leaving, 0.0), tuple(cells)
+    leaving = 1 - (value.sum(axis=1) * along.sum(axis=1)).reshape(points.shape[:2]).sum(axis=1)
+    return value, along, jnp.where(leaving > _LEAST, leaving, 0.0), tuple(cells)
 
 
 def _between(face: Float[Array, "points faces"]) -> Float[Array, "points cells"]:
@@ -113,14 +123,21 @@ def _between(face: Float[Array, "points faces"]) -> Float[Array, "points cells"]
 
 @jax.jit
 def matrix(windows: Windows) -> Float[Array, "rows rows"]:
-    """Compute the transition matrix between the cells in which the chain goes on."""
+    """Compute the transition matrix between the cells in which the chain goes on.
 
-    def row(points: Any) -> Any:
-        value, _, cells = _row(windows, windows.params, points)
-        whole = jnp.zeros(windows.box.cells).at[jnp.ix_(*cells)].add(value).ravel()
-        return _folded(windows, whole)
+    The rows include those that fill the last block.
+    """
 
-    return jax.lax.map(row, windows.points, batch_size=windows.batch)
+    def block(points: Any) -> Any:
+        value, last, _, cells = _block(windows, windows.params, points)
+        each = (part.reshape(*points.shape[:2], -1) for part in (value, last))
+        inside = jnp.einsum("rpi,rpj->rij", *each).reshape(len(points), *windows.wide)
+        whole = jnp.zeros((len(points), *windows.box.cells))
+        whole = whole.at[:, *jnp.ix_(*cells)].add(inside).reshape(len(points), -1)
+        return jax.vmap(lambda row: _folded(windows, row))(whole)
+
+    found = jax.lax.map(block, windows.points)
+    return found.reshape(-1, found.shape[-1])
 
 
 @jax.jit
@@ -134,43 +151,36 @@ def changes(
 
     **Arguments:** the chain; `slope`, the direction in which its parameters change; mean times and
     visits. **Returns:** the expected change of the time in a step from each cell, its derivative
-    along `slope`, and the visits after a step. Probabilities of a row sum to 1, so that the change
-    is a sum of differences, with all its digits where times are nearly equal.
+    along `slope`, and the visits after a step. The times enter as what they lack to the longest
+    one: of long times that are nearly equal, the sum has all digits.
     """
-    box, count, size = windows.box, windows.batch, len(windows.points)
-    later = (windows.rest * jnp.asarray(time)[windows.nearest]).reshape(box.cells)
+    box, size = windows.box, len(time)
+    longest = time.max()
+    lacks = (longest - windows.rest * jnp.asarray(time)[windows.row]).reshape(box.cells)
 
-    def one(points: Any, now: Any, visits: Any) -> Any:
+    def part(after: Any, block: Any) -> Any:
+        points, lack, visits = block
+
         def moved(params: Any) -> Any:
-            value, leaving, cells = _row(windows, params, points)
-            ahead = later[jnp.ix_(*cells)] - now
-            return jnp.sum(value * ahead) - leaving * now, (value, cells)
+            value, last, leaving, cells = _block(windows, params, points)
+            there = lacks[jnp.ix_(*cells)].reshape(-1, windows.wide[-1])
+            lost = (value * (last @ there.T)).sum(axis=1).reshape(points.shape[:2]).sum(axis=1)
+            return lack - lost - leaving * longest, (value, last, cells)
 
-        change, by, (value, cells) = jax.jvp(moved, (windows.params,), (slope,), has_aux=True)
-        return change, by, visits * value, cells
+        change, by, (value, last, cells) = jax.jvp(moved, (windows.params,), (slope,), has_aux=True)
+        each = jnp.repeat(visits, points.shape[1])
+        moves = ((value * each[:, None]).T @ last).reshape(windows.wide)
+        return after.at[jnp.ix_(*cells)].add(moves), (change, by)
 
-    def part(after: Any, rows: Any) -> Any:
-        change, by, value, cells = jax.vmap(one)(*rows)
-        index = [
-            one.reshape(len(one), *[1] * axis, -1, *[1] * (box.dimensions - axis - 1))
-            for axis, one in enumerate(cells)
-        ]
-        return after.at[tuple(index)].add(value), (change, by)
-
-    filled = -(-size // count) * count
-    rows = jax.tree.map(
-        lambda each: jnp.concatenate([each, each[: filled - size]]).reshape(
-            -1, count, *each.shape[1:]
-        ),
-        (windows.points, time, visits),
-    )
-    known = (jnp.arange(filled) < size).reshape(-1, count)
-    rows = rows[0], rows[1], jnp.where(known, rows[2], 0.0)
-    after, found = jax.lax.scan(part, jnp.zeros(box.cells), rows)
+    shape = windows.points.shape[:2]
+    filled = [jnp.zeros(shape[0] * shape[1]).at[:size].set(one) for one in (longest - time, visits)]
+    blocks = windows.points, *(one.reshape(shape) for one in filled)
+    after, found = jax.lax.scan(part, jnp.zeros(box.cells), blocks)
     change, by = (each.ravel()[:size] for each in found)
-    return change, by, _folded(windows, after.ravel())
+    return change, by, _folded(windows, after.ravel())[:size]
 
 
 def _folded(windows: Windows, each: Any) -> Any:
     """Add the probabilities of the cells of the box in which the chain goes on to its rows."""
-    return jnp.zeros(len(windows.points)).at[windows.nearest].add(windows.rest * each)
+    size = windows.points.shape[0] * windows.points.shape[1]
+    return jnp.zeros(size).at[windows.row].add(windows.rest * each)
