@@ -75,17 +75,24 @@ class Escape(SystemStudy):
         }
 
     def numbers(self, columns: "Mapping[str, np.ndarray]", wanted: Wanted = every) -> Numbers:
-        """Compute the numbers of a result, and its derivatives, `d_mean_time_d_NAME`.
+        """Compute the numbers of a result, derivatives `d_mean_time_d_NAME`, and shares.
 
-        If only the mean time, and its derivative by the only parameter that varies, are wanted, a
-        map has them from [`jaxcell.dynamics.exit_times`][].
+        `share_0` is the share of time in the first region of `into` in the long run, if the system
+        goes on there. If only shares, the mean time, and its derivative by the only parameter that
+        varies, are wanted, a map has them from [`jaxcell.dynamics.exit_times`][].
         """
         import numpy as np
 
         names = [name.removeprefix("params_") for name in columns]
         slopes = {f"d_mean_time_d_{cause}": cause for cause in (*self.chosen.params, "noise")}
+        regions = len(self.into) + bool(self.leave) if wanted is not every else 0
+        shares = {f"share_{k}": k for k in range(regions) if wanted(f"share_{k}")}
         described = {
             **quantities(dynamics.Escape),
+            **{
+                name: quantity("", "share of time in the region, in the long run")
+                for name in shares
+            },
             **{
                 name: quantity("", f"derivative of the mean time, by the {cause}")
                 for name, cause in slopes.items()
@@ -94,6 +101,8 @@ class Escape(SystemStudy):
         asked = {*filter(wanted, described)}
 
         def alone(study: Escape) -> dict[str, Any]:
+            if asked == {*shares}:
+                return {}
             result = study.run()
             numbers = {name: value for name, (_, value) in scalars(result, (), wanted).items()}
             if result.cause is not None and result.derivative is not None:
@@ -101,40 +110,52 @@ class Escape(SystemStudy):
                 numbers |= {f"d_mean_time_d_{cause}": slope for cause, slope in own}
             return {name: one for name, one in numbers.items() if name in asked}
 
+        if shares and not (columns and self.start):
+            raise ValueError(
+                "results: shares in the long run need a start, and a parameter params_NAME in the "
+                "sweep"
+            )
         if not columns:
             return {k: (described[k], np.asarray(one)) for k, one in alone(self).items()}
-        family = self._family(names, asked)
+        family = self._family(names, asked - {*shares})
         rows = []
         for values in zip(*(column.tolist() for column in columns.values()), strict=True):
+            own = (f"{name}={value}" for name, value in zip(names, values, strict=True))
+            study = dataclasses.replace(self, params=(*self.params, *own))
             found = family and family.at(values[0])
             if found:
                 both = zip(("mean_time", f"d_mean_time_d_{names[0]}"), found, strict=False)
-                rows.append({name: one for name, one in both if name in asked})
+                row = {name: one for name, one in both if name in asked}
             else:
-                own = (f"{name}={value}" for name, value in zip(names, values, strict=True))
-                rows.append(alone(dataclasses.replace(self, params=(*self.params, *own))))
+                row = alone(study)
+            if shares:
+                # The chains along the first parameter, for the values of the others.
+                long_run = study._along(names[0], back=True).shares(values[0], len(names) > 1)
+                row |= {name: long_run[k] for name, k in shares.items()}
+            rows.append(row)
         return {k: (described[k], np.array([row[k] for row in rows])) for k in rows[0]}
 
     def _family(self, names: list[str], asked: set[str]) -> Any:
         """Return the chains along a parameter if the numbers that are asked come from them."""
         fast = {"mean_time"} | ({f"d_mean_time_d_{names[0]}"} if self.gradient else set())
         given = self.start and all(one > 0 for one in self.noise) and isinstance(self.system, str)
-        if len(names) > 1 or not asked <= fast or not given:
+        if len(names) > 1 or not asked or not asked <= fast or not given:
             return None
-        if isinstance(self.chosen.map, dynamics.Flow):
-            return None
-        others = (text for text in self.params if text.partition("=")[0].strip() != names[0])
-        return _family_of(dataclasses.replace(self, params=(*others,)), names[0])
+        return None if isinstance(self.chosen.map, dynamics.Flow) else self._along(names[0])
+
+    def _along(self, name: str, back: bool = False) -> Any:
+        others = (text for text in self.params if text.partition("=")[0].strip() != name)
+        return _family_of(dataclasses.replace(self, params=(*others,)), name, back)
 
 
 @functools.lru_cache(maxsize=4)
-def _family_of(study: Escape, name: str) -> Any:
+def _family_of(study: Escape, name: str, back: bool) -> Any:
     """Return the chains along a parameter, which calls of a sweep share."""
-    from ..dynamics.noise.exit_times import Family
+    from ..dynamics.noise.family import Family
 
     about = study._problem()
     system = dataclasses.replace(study.chosen, params=about.pop("params"))
-    return Family.of(system, name, **about)
+    return Family.of(system, name, **about, back=back)
 
 
 def region(text: str, names: Sequence[str], option: str) -> Callable[[Any], Any]:

@@ -211,8 +211,46 @@ def test_members_of_a_sweep_are_those_of_single_studies(tmp_path, monkeypatch):
     found = one.numbers({"params_a": values}, names.__contains__)
     # Members do not depend on the other members of a batch.
     again = one.numbers({"params_a": values[3:]}, names.__contains__)
+    both = one.numbers({"params_a": values}, ("share_0", "mean_time").__contains__)
+    assert both["mean_time"][1].tolist() == found["mean_time"][1].tolist()
+    for a, share in zip(values, both["share_0"][1], strict=True):
+        matrix = dynamics.chain(one.chosen.map, one.chosen.box, {"a": a}, noise=0.4).to_scipy()
+        limit = np.linalg.matrix_power(matrix.toarray(), 1 << 12).mean(axis=0)
+        assert share == pytest.approx(limit[15:].sum(), abs=2e-7)
     assert set(found) == set(names)
     for name in names:
         expected = [float(numbers[name][1]) for numbers in alone]
         np.testing.assert_allclose(found[name][1][[0, 3]], expected, rtol=1e-8)
         assert found[name][1][3:].tolist() == again[name][1].tolist()
+
+
+@pytest.mark.parametrize("axes", [("clamp", "clamp"), ("clamp", "periodic")])
+def test_shares_of_regions_in_the_long_run_are_those_of_dense_matrices(axes):
+    cells, values = 12, np.linspace(0.9, 1.1, 4)
+    regions = {"right": left, "corner": lambda x: (x[:, 0] < 0) & (x[:, 1] > 1.2)}
+    found = dynamics.exit_times(
+        system(axes, cells), "a", values, noise=NOISE, start=[-1, 0], into=regions, shares=True
+    )
+    centre = (np.arange(cells) + 0.5) * 4 / cells - 2
+    x, y = (each.ravel() for each in np.meshgrid(centre, centre, indexing="ij"))
+    for a, share in zip(values, found.share, strict=True):
+        first = along(x + 0.3 * (a * x - x**3) + 0.1 * y, NOISE[0], cells, axes[0])
+        second = along(0.5 * y, NOISE[1], cells, axes[1])
+        matrix = (first[:, :, None] * second[:, None]).reshape(x.size, x.size)
+        limit = np.linalg.matrix_power(matrix, 1 << 14).mean(axis=0)
+        # Three eighths of the grid of points in the cells from 1 to 4 / 3 are in the corner.
+        part = np.where(y > 4 / 3, 1, np.where(y > 1, 3 / 8, 0)) * (x < 0)
+        np.testing.assert_allclose(share, [limit[x > 0].sum(), limit @ part], atol=2e-7)
+
+
+def test_shares_are_refused_where_the_system_leaves_the_box():
+    with pytest.raises(ValueError, match="shares: a system that leaves the box at a sink"):
+        dynamics.exit_times(
+            system(("clamp", "sink"), 12),
+            "a",
+            [1.0],
+            noise=NOISE,
+            start=[-1, 0],
+            into=left,
+            shares=True,
+        )
