@@ -1,6 +1,8 @@
 """Pictures of the rounds of guards."""
 
 import os
+from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,8 +18,12 @@ if TYPE_CHECKING:
     from ...patrol.rounds import Game, Guarded
 
 
-# Largest number of names in a picture, and of moments in which a guard is drawn.
+# Largest number of names in a picture.
 MAX_NAMES = 60
+# Distance of a line from its way, relative to the size of the graph.
+_ASIDE = 0.008
+# Number of letters in a line of the title.
+_WIDTH = 112
 
 
 def places(game: "Game") -> Float[np.ndarray, "vertices 2"]:
@@ -38,9 +44,10 @@ def tours(guarded: "Guarded") -> list[list[int]]:
 
 
 def save_rounds(guarded: "Guarded", path: str | os.PathLike[str]) -> None:
-    """Write a PNG picture of rounds: a colour per tour, targets, and the guards at the start.
+    """Write a PNG picture of rounds, with the guards at the start, and targets by risk.
 
-    A target is pink if attacks on it can succeed at some moments.
+    A tour has a colour, and lines with arrows on the right of its ways. The colour of a target is
+    the share of moments at which an attack there succeeds.
 
     **Arguments:** the guards, and the file to write or replace. **Raises:** `ModuleNotFoundError`
     without matplotlib, which `jaxcell[plot]` installs.
@@ -51,38 +58,63 @@ def save_rounds(guarded: "Guarded", path: str | os.PathLike[str]) -> None:
         >>> guarded = study.PatrolGuard("@eight", robots=2, attack_time=6.0).run()
         >>> record.save_rounds(guarded, examples.folder() / "rounds.png")
     """
-    from pathlib import Path
-
     figure = import_module("matplotlib.figure").Figure(layout="constrained")
     ax = figure.add_subplot()
     game, xy = guarded.game, places(guarded.game)
     wide, high = np.ptp(xy, axis=0).tolist()
-    figure.set_size_inches(9, 2 + 8 * min(max(high / (wide or 1.0), 0.3), 1.5))
+    figure.set_size_inches(9, 2 + 7 * min(max(high / (wide or 1.0), 0.3), 1.5))
     lines = import_module("matplotlib.collections").LineCollection
     ax.add_collection(lines(xy[game.ends], colors=[color_of(PLAIN)], linewidths=1, zorder=1))
     for tour, robots in enumerate(tours(guarded)):
-        name, color = robot_color(tour)
-        way = xy[np.append(guarded.routes[robots[0]].vertex, guarded.routes[robots[0]].vertex[0])]
+        color = color_of(robot_color(tour)[1])
+        route = guarded.routes[robots[0]]
+        legs = np.stack([route.vertex, np.roll(route.vertex, -1)], axis=1)
+        legs = np.unique(legs[legs[:, 0] != legs[:, 1]], axis=0)
+        ahead = xy[legs[:, 1]] - xy[legs[:, 0]]
+        length = np.maximum(np.hypot(*ahead.T), np.finfo(float).tiny)[:, None]
+        aside = _ASIDE * max(wide, high) * ahead[:, ::-1] * [1, -1] / length
+        sides = xy[legs] + aside[:, None]
         who = ", ".join(str(robot + 1) for robot in robots)
         label = f"guard {who}" if len(robots) == 1 else f"guards {who}, evenly spaced"
-        ax.plot(*way.T, color=color_of(color), linewidth=4, alpha=0.6, zorder=2, label=label)
-        starts = np.array([start(guarded, robot) for robot in robots])
-        ax.plot(*starts.T, "s", color=color_of(color), markeredgecolor="black", zorder=5)
-    exposed = guarded.evaluation.exposure > 0
-    at = xy[game.targets]
-    for which, color, what in (
-        (~exposed, FREE, "safe"),
-        (exposed, TARGET, "attacks can succeed at some moments"),
-    ):
-        style = {"color": color_of(color), "markeredgecolor": "black", "zorder": 4}
-        if which.any():
-            ax.plot(*at[which].T, "o", markersize=7, label=what, **style)
+        if len(legs):
+            label += f": a round in {np.ceil(10 * route.period - 1e-6) / 10:,g} {game.unit}"
+            ax.quiver(
+                *sides.mean(axis=1).T,
+                *(ahead / length).T,
+                color=color,
+                pivot="mid",
+                angles="xy",
+                scale=60,
+                width=0.0035,
+                headwidth=4.5,
+                headaxislength=4,
+                headlength=4,
+                zorder=3,
+            )
+        ax.add_collection(lines(sides, colors=[color], linewidths=1.8, label=label, zorder=2))
+        for robot in robots:
+            box = {"boxstyle": "square,pad=0.25", "facecolor": color, "edgecolor": "black"}
+            style = {"ha": "center", "va": "center", "color": "white", "fontsize": 8, "zorder": 7}
+            ax.text(*start(guarded, robot), str(robot + 1), bbox=box, **style)
+    shade = import_module("matplotlib.colors").LinearSegmentedColormap.from_list
+    share, at = 100 * guarded.evaluation.exposure, xy[game.targets]
+    ends, style = [color_of(FREE), color_of(TARGET)], {"s": 60, "edgecolor": "black", "zorder": 4}
+    if share.any():
+        marks = ax.scatter(
+            *at.T, c=share, cmap=shade("risk", ends), vmin=0, label="target", **style
+        )
+        figure.colorbar(marks, ax=ax, label="moments at which an attack succeeds (%)", shrink=0.7)
+    else:
+        ax.scatter(*at.T, color=color_of(FREE), label="target: no attack succeeds", **style)
     if len(game.names) <= MAX_NAMES:
-        for name, (x, y) in zip(game.names, xy.tolist(), strict=True):
-            ax.annotate(name, (x, y), (4, 6), textcoords="offset points", fontsize=8, zorder=6)
+        for name, place in zip(game.names, xy.tolist(), strict=True):
+            ax.annotate(name, place, (9, 7), textcoords="offset points", fontsize=8, zorder=6)
+    title = "\n".join(fill(line.replace("`", ""), _WIDTH) for line in guarded.answer[:2])
     ax.set_aspect("equal")
-    ax.set_title(guarded.answer[0], wrap=True, fontsize=10)
-    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncols=2, fontsize=8)
+    ax.margins(0.08)
+    ax.set_title(title, fontsize=9)
+    ax.set(xlabel="x (m)", ylabel="y (m)")
+    figure.legend(loc="outside lower center", ncols=2, fontsize=8)
     if game.xy is None:
         ax.set_axis_off()
     with replacing(Path(path)) as temporary:
