@@ -52,11 +52,6 @@ class OceanFile:
         """Return an error whose message is one line that begins with the file and the field."""
         return ValueError(f"{self.elsewhere.get(field, self.name)}: {field}: {one_line(message)}")
 
-    def named(self, names: Sequence[str]) -> list[str]:
-        """Find variables by name, ignoring case; return an empty list unless all exist."""
-        known = {str(name).lower(): str(name) for name in self.dataset.data_vars}
-        return [known[name] for name in names] if all(name in known for name in names) else []
-
     def coordinates(self, field: str) -> list[str]:
         """List the variables in the attribute `coordinates` of a variable."""
         variable = self.dataset[field]

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int
 
 from .axes.dimensions import Axes
 from .component import metres_per_second, read_cells
-from .conventions import table
+from .conventions import find_pairs, table
 from .grid import OceanGrid
 from .netcdf import OceanFile
 
@@ -31,7 +31,12 @@ def read_surface(
 
     **Returns:** the components in m/s, 0 outside `water`; and the names of the variables.
     """
-    names = _names(file, role)
+    both = (pair for _, pair in find_pairs(file.dataset, role) if all(pair))
+    if not (found := next(both, [])):
+        pairs = (" and ".join(row.names or row.standard_names) for row in table(role))
+        expected = " or ".join(dict.fromkeys(pairs))
+        raise file.error(role, f"the file has no {_WHAT[role]}; expected {expected}")
+    names = [variables[-1] for variables in found]
     values = np.zeros((2, len(records), *water.shape))
     for component, name in zip(values, names, strict=True):
         factor = metres_per_second(file, name)
@@ -47,17 +52,3 @@ def read_surface(
                     f"column {grid.columns[column]}",
                 )
     return values, ", ".join(names)
-
-
-def _names(file: OceanFile, role: Push) -> list[str]:
-    """Find the eastward and northward variables of a role by standard name, or else by name."""
-    variables = file.dataset.data_vars.items()
-    by_standard = {str(v.attrs.get("standard_name")): str(name) for name, v in variables}
-    for row in table(role):
-        if row.standard_names and all(name in by_standard for name in row.standard_names):
-            return [by_standard[name] for name in row.standard_names]
-        if named := file.named(row.names):
-            return named
-    pairs = (" and ".join(row.names or row.standard_names) for row in table(role))
-    expected = " or ".join(dict.fromkeys(pairs))
-    raise file.error(role, f"the file has no {_WHAT[role]}; expected {expected}")
