@@ -43,12 +43,10 @@ def read_surface(
         for cells, record in zip(component, records.tolist(), strict=True):
             cells[water] = factor * read_cells(file, name, axes, grid, record)[water]
             wrong = water & ~(np.abs(cells) <= _FASTEST[role])
-            if wrong.any():
-                row, column = np.argwhere(wrong)[0]
+            for cell in np.argwhere(wrong):
                 raise file.error(
                     name,
                     f"expected a {_WHAT[role]} up to {_FASTEST[role]:g} m/s wherever there is "
-                    f"water, got {cells[row, column]:g} at record {record}, row {grid.rows[row]}, "
-                    f"column {grid.columns[column]}",
+                    f"water, got {cells[*cell]:g} at record {record}, {grid.place(*cell)}",
                 )
     return values, ", ".join(names)
