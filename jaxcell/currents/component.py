@@ -13,7 +13,7 @@ from .axes.times import SECONDS
 from .conventions import LENGTHS
 from .flags import Flag, read_flags
 from .grid import OceanGrid
-from .masks import Mask, part, read_mask
+from .masks import Mask, read_mask, read_part
 from .models.roms import to_centres
 from .netcdf import OceanFile
 
@@ -69,13 +69,10 @@ class Component:
         and the velocity as it would be if the file had no mask.
         """
         axes = self.axes
-        block: dict[str, object] = {axes.y: self.rows, axes.x: self.columns}
-        if axes.time is not None:
-            block[axes.time] = record
-        if axes.depth is not None:
-            block[axes.depth] = self.places
         dims = (axes.depth or "", axes.y, axes.x)
-        values = self.file.read(part(self.file, self.name, block), dims)
+        block = {axes.time: record, axes.depth: self.places, dims[1]: self.rows}
+        block[axes.x] = self.columns
+        values = read_part(self.file, self.name, block, dims)
         for flag in self.flags:
             values = np.where(flag.at(self.file, block, dims), np.nan, values)
         least, most = self.valid
@@ -95,9 +92,7 @@ class Component:
         return centres.take(inner, axis), beside.take(inner, axis), unmasked.take(inner, axis)
 
     def _check_speed(self, values: _Levels, record: int) -> None:
-        fast = np.abs(values) > FASTEST_CURRENT
-        if fast.any():
-            level, row, column = np.argwhere(fast)[0]
+        for level, row, column in np.argwhere(np.abs(values) > FASTEST_CURRENT):
             place = 0 if self.places is None else self.places[level]
             raise self.file.error(
                 self.name,
@@ -175,10 +170,8 @@ def metres_per_second(file: OceanFile, name: str) -> float:
     if known is None and (match := _SPEED.fullmatch(spelt)):
         known = float(match[1] or 1) * LENGTHS[match[2]] / SECONDS[match[3] or match[4] or match[5]]
     if not known:
-        raise file.error(
-            name,
-            f"units: expected a unit of speed, got {units!r}; name it with units (--units cm/s)",
-        )
+        way_on = "name it with units (--units cm/s)"
+        raise file.error(name, f"units: expected a unit of speed, got {units!r}; {way_on}")
     return known
 
 
@@ -187,7 +180,6 @@ def read_cells(
 ) -> Float[np.ndarray, "y x"]:
     """Read a variable without levels at the cell centres, at `record` if it depends on time."""
     y, x = axes.rho
-    block: dict[str, object] = {y: grid.rows, x: grid.columns}
-    if axes.time in file.dataset[name].dims:
-        block[str(axes.time)] = record
-    return file.read(part(file, name, block), (y, x))
+    if absent := [dim for dim in (y, x) if dim not in file.dataset[name].dims]:
+        raise file.error(name, f"expected the dimensions {y}, {x}; it has no {absent[0]}")
+    return read_part(file, name, {axes.time: record, y: grid.rows, x: grid.columns}, (y, x))

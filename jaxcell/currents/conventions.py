@@ -47,46 +47,35 @@ def _row(
     return Convention(role, tuple(names.split()), standard, tuple(units.split()), **meaning)
 
 
+def _pairs(role: Role, along: Along, pairs: str) -> Iterator[Convention]:
+    """Yield a row for each pair of components: `u/v`, or `{}ward_wind` for standard names."""
+    words = ("east", "north") if along == "earth" else ("x", "y")
+    for pair in pairs.split():
+        if "/" in pair:
+            yield Convention(role, tuple(pair.split("/")), along=along)
+        else:
+            yield Convention(role, (), tuple(map(pair.format, words)), along=along)
+
+
 # The preferred names come first: standard names before names, all depths before the surface.
 CONVENTIONS: tuple[Convention, ...] = (
-    _row("velocity", "", "eastward_sea_water_velocity northward_sea_water_velocity", along="earth"),
-    _row("velocity", "", "surface_eastward_sea_water_velocity surface_northward_sea_water_velocity",
-         along="earth"),
-    _row("velocity", "", "sea_water_x_velocity sea_water_y_velocity", along="grid"),
-    _row("velocity", "", "x_sea_water_velocity y_sea_water_velocity", along="grid"),
-    _row("velocity", "", "sea_water_surface_x_velocity sea_water_surface_y_velocity", along="grid"),
-    _row("velocity", "", "surface_geostrophic_eastward_sea_water_velocity "
-         "surface_geostrophic_northward_sea_water_velocity", along="earth"),
-    _row("velocity", "u_eastward v_northward", along="earth"),  # ROMS
-    _row("velocity", "water_u water_v", along="earth"),  # HYCOM
-    _row("velocity", "uo vo", along="earth"),  # CMEMS; NEMO by the names of CMIP
-    _row("velocity", "u_sur_eastward v_sur_northward", along="earth"),  # ROMS
-    _row("velocity", "evel nvel", along="earth"),  # ECCO on longitudes and latitudes
-    _row("velocity", "utotal vtotal", along="earth"),  # CMEMS, with tides and waves
-    _row("velocity", "ucur vcur", along="earth"),  # HF radar of IMOS
-    _row("velocity", "ewct nsct", along="earth"),  # HF radar of EMODnet
-    _row("velocity", "ugos vgos", along="earth"),  # DUACS
-    _row("velocity", "u v"),  # ROMS, CROCO, OSCAR, HF radar
-    _row("velocity", "u_sur v_sur"),  # ROMS
-    _row("velocity", "vozocrtx vomecrty"),  # NEMO
-    _row("velocity", "uos vos"),  # NEMO by the names of CMIP
-    _row("velocity", "ssu ssv"),  # NEMO
-    _row("velocity", "sozocrtx somecrty"),  # NEMO
-    _row("velocity", "u_velocity v_velocity"),  # RTOFS
-    _row("velocity", "uvel vvel"),  # MITgcm, ECCO
-    _row("velocity", "ubar vbar"),  # ROMS
-    _row("velocity", "ug vg"),  # OSCAR
+    *_pairs("velocity", "earth", "{}ward_sea_water_velocity surface_{}ward_sea_water_velocity"),
+    *_pairs("velocity", "grid", "sea_water_{}_velocity {}_sea_water_velocity "
+            "sea_water_surface_{}_velocity"),
+    *_pairs("velocity", "earth", "surface_geostrophic_{}ward_sea_water_velocity"),
+    # ROMS, HYCOM, CMEMS and NEMO by CMIP, ROMS, ECCO, CMEMS with tides, IMOS, EMODnet, DUACS
+    *_pairs("velocity", "earth", "u_eastward/v_northward water_u/water_v uo/vo "
+            "u_sur_eastward/v_sur_northward evel/nvel utotal/vtotal ucur/vcur ewct/nsct ugos/vgos"),
+    # ROMS, CROCO, OSCAR and radars; ROMS; NEMO; RTOFS; MITgcm and ECCO; ROMS; OSCAR
+    *_pairs("velocity", "dims", "u/v u_sur/v_sur vozocrtx/vomecrty uos/vos ssu/ssv "
+            "sozocrtx/somecrty u_velocity/v_velocity uvel/vvel ubar/vbar ug/vg"),
+    # NCEP and CCMP, ERA5; CMEMS
+    *_pairs("wind", "earth", "{}ward_wind eastward_wind/northward_wind uwnd/vwnd u10/v10"),
+    *_pairs("stokes", "earth", "sea_surface_wave_stokes_drift_{}ward_velocity vsdx/vsdy"),
     _row("speed", "speed current_speed cspd spd", "sea_water_speed"),
     _row("direction", "direction current_direction cdir",
          "sea_water_velocity_to_direction direction_of_sea_water_velocity "
          "sea_water_velocity_from_direction", "degree degrees degrees_true"),
-    _row("wind", "", "eastward_wind northward_wind", along="earth"),
-    _row("wind", "eastward_wind northward_wind", along="earth"),
-    _row("wind", "uwnd vwnd", along="earth"),  # NCEP, CCMP
-    _row("wind", "u10 v10", along="earth"),  # ERA5
-    _row("stokes", "", "sea_surface_wave_stokes_drift_eastward_velocity "
-         "sea_surface_wave_stokes_drift_northward_velocity", along="earth"),
-    _row("stokes", "vsdx vsdy", along="earth"),  # CMEMS
     _row("time", "time ocean_time scrum_time time_counter obs_time mt t", "time"),
     _row("depth", "depth depthu depthv deptht z lev level k z_t z_l zl s_rho sc_r z_slice",
          "depth"),
@@ -102,11 +91,11 @@ CONVENTIONS: tuple[Convention, ...] = (
          "latitude", "degrees_north degree_north degrees_n degree_n"),
     _row("side", "e1t e2t", point="t"),
     # The name decides, because the standard name in files of CROCO may be wrong.
-    _row("mask", "mask_rho mask_u mask_v", water=1),
-    _row("mask", "tmask tmaskutil", point="t", water=1),
-    _row("mask", "umask umaskutil", point="u", water=1),
-    _row("mask", "vmask vmaskutil", point="v", water=1),
-    _row("mask", "", "sea_binary_mask", water=1),
+    _row("mask", "mask_rho mask_u mask_v"),
+    _row("mask", "tmask tmaskutil", point="t"),
+    _row("mask", "umask umaskutil", point="u"),
+    _row("mask", "vmask vmaskutil", point="v"),
+    _row("mask", "", "sea_binary_mask"),
     _row("mask", "", "land_binary_mask", water=0),
     _row("bed", "h", "sea_floor_depth_below_sea_level sea_floor_depth_below_geoid sea_floor_depth"),
     _row("surface", "zeta"),
@@ -115,15 +104,8 @@ CONVENTIONS: tuple[Convention, ...] = (
 
 # The dimension of the cell centres (rho points) for each dimension of staggered points of a C-grid,
 # as named by ROMS and CROCO, and by XIOS for CROCO.
-STAGGERED = {
-    "xi_u": "xi_rho",
-    "eta_u": "eta_rho",
-    "xi_v": "xi_rho",
-    "eta_v": "eta_rho",
-    "x_u": "x_rho",
-    "y_v": "y_rho",
-}
-
+STAGGERED = {"xi_u": "xi_rho", "eta_u": "eta_rho", "xi_v": "xi_rho", "eta_v": "eta_rho",
+             "x_u": "x_rho", "y_v": "y_rho"}  # fmt: skip
 
 TERRAIN = ("ocean_s_coordinate", "ocean_sigma_coordinate")
 "The beginnings of the standard names of levels that follow the sea bed."
@@ -163,3 +145,18 @@ def find(dataset: xr.Dataset, role: Role, among: Iterable[str]) -> str | None:
                 if str(dataset[name].attrs.get(key, "")).lower() in known:
                     return name
     return None
+
+
+def find_pairs(dataset: xr.Dataset, role: Role) -> Iterator[tuple[Convention, list[list[str]]]]:
+    """Yield the conventions for two components that a dataset follows, with the variables of each.
+
+    Names exist for both components, in any case; a standard name may have no variable, or several.
+    """
+    variables = [(str(name), v.attrs.get("standard_name")) for name, v in dataset.data_vars.items()]
+    for row in table(role):
+        if row.names:
+            found = [[name for name, _ in variables if name.lower() == one] for one in row.names]
+        else:
+            found = [[name for name, own in variables if own == one] for one in row.standard_names]
+        if all(found) or (any(found) and not row.names):
+            yield row, found

@@ -14,7 +14,7 @@ from .flags import LEAST_PRESENT, fill_gaps
 from .grid import OceanGrid
 from .land import Land, read_land
 from .masks import Mask, read_mask
-from .models.roms import at_height, formula_terms
+from .models.roms import SLevels, at_height, formula_terms
 from .netcdf import OceanFile
 from .velocity import Velocity
 
@@ -64,9 +64,10 @@ class FieldReader:
 
     @functools.cached_property
     def components(self) -> list[Component]:
-        return self._components(self.layers.places)
+        return self.at_levels(self.layers.places)
 
-    def _components(self, places: Int[np.ndarray, " levels"] | None) -> list[Component]:
+    def at_levels(self, places: Int[np.ndarray, " levels"] | None) -> list[Component]:
+        """Build the readers of both components at some levels."""
         both = ((self.velocity.u, self.velocity.u_axes), (self.velocity.v, self.velocity.v_axes))
         return [component(self.file, name, axes, self.grid, places) for name, axes in both]
 
@@ -182,31 +183,28 @@ class FieldReader:
         In a file without a mask, such squares are land if the depth of the sea bed or the coastline
         says so. They are sea bed below squares that move, if the file has a velocity everywhere.
         """
-        none = np.zeros_like(zero)
-        if not (zero := zero & water).any():
-            return none, none, []
-        moving_above = np.cumsum(water & ~zero, axis=0) > 0
-        still_below = np.logical_and.accumulate(zero[::-1])[::-1]
+        zero, by = zero & water, ""
+        ashore = bed = np.zeros_like(zero)
         if self.mask is not None:
-            ashore, bed, by = none, none, self.mask.name
-        else:
+            by = self.mask.name
+        elif zero.any():
             land, by = self._coast(np.asarray(zero.any(axis=0)))
+            moving_above = np.cumsum(water & ~zero, axis=0) > 0
+            still_below = np.logical_and.accumulate(zero[::-1])[::-1]
             ashore, bed = zero & land, moving_above & still_below & water.all()
-        rest = zero & ~(ashore | bed)
         counts = {
             f"are land by {by}, and count as land": ashore,
             "lie below others that move, and count as sea bed": bed & ~ashore,
-            f"are water by {by}, and count as water that drifters never leave": rest,
+            f"are water by {by}, and count as water that drifters never leave": (
+                zero & ~(ashore | bed)
+            ),
         }
-        return (
-            ashore,
-            bed,
-            [
-                f"{count:,} squares have a velocity of exactly 0 at all records; they {what}"
-                for what, squares in counts.items()
-                if (count := int(squares.sum()))
-            ],
-        )
+        doubts = [
+            f"{count:,} squares have a velocity of exactly 0 at all records; they {what}"
+            for what, squares in counts.items()
+            if (count := int(squares.sum()))
+        ]
+        return ashore, bed, doubts
 
     def _coast(self, chosen: Bool[np.ndarray, "y x"]) -> tuple[Bool[np.ndarray, "y x"], str]:
         """Mark land among the `chosen` squares of a file without a mask; name what decides."""
@@ -247,7 +245,7 @@ class FieldReader:
 
     def _seen_at(self, level: int) -> Bool[np.ndarray, "y x"]:
         """Mark the cells with a velocity at a level, at the first record."""
-        both = self._components(np.array([level]))
+        both = self.at_levels(np.array([level]))
         values = [component.at(int(self.records[0]))[0] for component in both]
         return np.all([np.isfinite(value[0]) for value in values], axis=0)
 
@@ -271,11 +269,10 @@ class FieldReader:
             surface = read_cells(self.file, self.surface, axes, self.grid, record)
         depth = self.layers.depth[:, None, None]
         deep = depth > self.bed + surface
-        if self.layers.s_levels is not None:
-            heights = self.layers.s_levels.heights(self.bed, surface)
-            wanted = surface - depth
+        if (levels := self.layers.s_levels) is not None:
+            heights, wanted = levels.heights(self.bed, surface), surface - depth
             known = np.isfinite(x + y).any(axis=0) & ~deep
-            self._check_reach(heights, np.where(known, wanted, np.nan))
+            self._check_reach(levels, heights, np.where(known, wanted, np.nan))
             x, y = (
                 np.stack([at_height(values, heights, height) for height in wanted])
                 for values in (x, y)
@@ -295,24 +292,20 @@ class FieldReader:
             f"have; are land and water exchanged? ({'; '.join(dict.fromkeys(why.values()))})",
         )
 
-    def _check_reach(self, heights: _Levels, wanted: _Layers) -> None:
+    def _check_reach(self, levels: SLevels, heights: _Levels, wanted: _Layers) -> None:
         """Raise if a `wanted` height is beyond all levels by more than the thickness of a layer."""
-        levels, grid = self.layers.s_levels, self.grid
-        assert levels is not None
         for depth, height in zip(self.layers.depth, wanted, strict=True):
             gap, layer = levels.beyond(heights, height)
-            far = gap > layer
+            far = np.where(gap > layer, gap, 0)
             if not far.any():
                 continue
-            row, column = np.unravel_index(np.where(far, gap, 0).argmax(), far.shape)
-            s = levels.s
+            cell, s = np.unravel_index(far.argmax(), far.shape), levels.s
             has = f"{s[0]:g} only" if len(s) == 1 else f"{len(s)} levels from {s[0]:g} to {s[-1]:g}"
             raise self.file.error(
                 "depths",
-                f"{depth:g} m below the surface is {gap[row, column]:.3g} m away from the nearest "
-                f"level of the file at row {grid.rows[row]}, column {grid.columns[column]}; "
-                f"expected a layer ({layer[row, column]:.3g} m there) at most; "
-                f"{self.velocity.u_axes.depth} has {has}",
+                f"{depth:g} m below the surface is {gap[cell]:.3g} m away from the nearest level "
+                f"of the file at {self.grid.place(*cell)}; expected a layer "
+                f"({layer[cell]:.3g} m there) at most; {self.velocity.u_axes.depth} has {has}",
             )
 
     def _with_water(
@@ -325,28 +318,26 @@ class FieldReader:
         kept = np.asarray(water.any(axis=(1, 2)))
         for k in np.flatnonzero(~kept):
             if self.layers.asked or not kept.any() or has_velocity[:, k].any():
-                raise self._no_water(float(self.layers.depth[k]), has_velocity[:, k])
+                raise self.file.error(*self._why_dry(self.layers.depth[k], has_velocity[:, k]))
         return kept
 
-    def _no_water(self, depth: float, has_velocity: Bool[np.ndarray, " records"]) -> ValueError:
-        if has_velocity.all():
-            why = f"no cell has a velocity at each of the {len(has_velocity)} records; choose fewer"
-            return self.file.error("time", why)
-        if has_velocity.any():
-            record = self.records[~has_velocity][0]
-            why = f"record {record} has no velocity anywhere; leave it out"
-            return self.file.error("time", why)
+    def _why_dry(self, depth: float, moving: Bool[np.ndarray, " records"]) -> tuple[str, str]:
+        """Find the argument, and the reason, for which a layer has no water."""
+        if moving.all():
+            why = f"no cell has a velocity at each of the {len(moving)} records; choose fewer"
+            return "time", why
+        if moving.any():
+            record = self.records[~moving][0]
+            return "time", f"record {record} has no velocity anywhere; leave it out"
         wet = np.isfinite(self.bed)
         if self.mask is not None:
             wet &= self.mask.water.any(axis=0)
         if wet.any() and depth > (deepest := self.bed[wet].max()):
             why = f"{depth:g} m is below the sea bed everywhere: it is {deepest:g} m at most"
-            return self.file.error("depths", why)
+            return "depths", why
         if depth > 0:
-            return self.file.error("depths", f"{depth:g} m: no cell has water at that depth")
-        return self.file.error(
-            self.names, "every cell is land or has no value; expected some water"
-        )
+            return "depths", f"{depth:g} m: no cell has water at that depth"
+        return self.names, "every cell is land or has no value; expected some water"
 
 
 def _moves(x: _Levels, y: _Levels) -> Bool[np.ndarray, "y x"]:

@@ -2,12 +2,14 @@
 
 import dataclasses
 import re
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
 from .conventions import table
-from .masks import flag_meanings, part
+from .masks import flag_meanings, read_part
 from .netcdf import OceanFile
 
 
@@ -26,11 +28,10 @@ class Flag:
     "The values that mark bad data, with their meanings; empty if the file gives no meanings."
 
     def at(
-        self, file: OceanFile, block: dict[str, object], dims: tuple[str, str, str]
+        self, file: OceanFile, block: Mapping[Any, Any], dims: tuple[str, str, str]
     ) -> Bool[np.ndarray, "#levels #y #x"]:
         """Mark the bad values in the `block` of indices, with dimensions in the order `dims`."""
-        own = {dim: place for dim, place in block.items() if dim in file.dataset[self.name].dims}
-        return np.isin(file.read(part(file, self.name, own), dims), list(self.bad))
+        return np.isin(read_part(file, self.name, block, dims), list(self.bad))
 
     @property
     def note(self) -> str:

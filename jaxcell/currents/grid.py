@@ -36,6 +36,10 @@ class OceanGrid:
     notes: tuple[str, ...] = ()
     "Changes that were made to the grid of the file, in words."
 
+    def place(self, row: int | np.integer, column: int | np.integer) -> str:
+        """The place of a cell in the file, in words."""
+        return f"row {self.rows[row]}, column {self.columns[column]}"
+
 
 def read_grid(file: OceanFile, axes: Axes, bounds: Sequence[float | int] | None) -> OceanGrid:
     """Read the positions of cells in the smallest block that contains all cells within `bounds`."""
@@ -58,14 +62,13 @@ def _rectangular(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
     if again := sphere.repeated_columns(lon_in_file):
         lon_in_file = lon_in_file[:-again]
         notes.append(f"{axes.lon}: {_columns(again)} at the end repeated the first; left out")
+    name = axes.lon
     try:
         columns = sphere.eastward_order(lon_in_file)
-    except ValueError as error:
-        raise file.error(axes.lon, str(error)) from error
-    try:
+        name = axes.lat
         rows = sphere.northward_order(lat_in_file)
     except ValueError as error:
-        raise file.error(axes.lat, str(error)) from error
+        raise file.error(name, str(error)) from error
     lon, lat = sphere.wrapped(lon_in_file[columns]), lat_in_file[rows]
     whole = sphere.goes_round(lon[None], np.zeros((1, lon.size)))
     if (lon_in_file >= 180).any():
@@ -83,8 +86,7 @@ def _rectangular(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
         if whole and x.size < lon.size:  # bounds across the seam: begin at the western bound
             x = x[np.argsort((lon[x] - box[0] + 1e-9) % 360)]
     wraps = whole and x.size == lon.size
-    if wraps:
-        notes.append(_round(axes.lon))
+    notes += [_round(axes.lon)] * wraps
     file.check_size(axes.lon, {axes.y: len(y), axes.x: len(x)}, arrays=5)
     dx, dy = sphere.rectangular_sides(lon, lat, y, x, wraps=whole)
     lon_grid, lat_grid = np.meshgrid(lon[x], lat[y])
@@ -130,11 +132,8 @@ def _curvilinear(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
     turn[closed] = np.nan
     if (turn < 0).any() and (turn > 0).any():
         j, i = np.argwhere((turn < 0) != (np.nanmedian(turn) < 0))[0]
-        raise file.error(
-            axes.lon,
-            f"expected positions in order; the grid folds at row {j}, column {columns[i]} "
-            f"({lon[j, i]:g}, {lat[j, i]:g})",
-        )
+        at = f"row {j}, column {columns[i]} ({lon[j, i]:g}, {lat[j, i]:g})"
+        raise file.error(axes.lon, f"expected positions in order; the grid folds at {at}")
     if (turn < 0).any():
         if axes.staggered:
             raise file.error(axes.lat, "the grid is a mirror image: y is to the right of x")
@@ -143,8 +142,8 @@ def _curvilinear(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
     angle_from = f"the angle of the grid, computed from {axes.lon} and {axes.lat}"
     if _on_grid(file, "angle", axes):
         angle, angle_from = _angle(file, axes, read("angle"), angle)
-    with np.errstate(divide="ignore", over="ignore"):
-        if _on_grid(file, "pm", axes) and _on_grid(file, "pn", axes):
+    if _on_grid(file, "pm", axes) and _on_grid(file, "pn", axes):
+        with np.errstate(divide="ignore", over="ignore"):
             dx, dy = 1 / read("pm"), 1 / read("pn")
     if _on_grid(file, "e1t", axes) and _on_grid(file, "e2t", axes):
         dx, dy = read("e1t"), read("e2t")
@@ -159,13 +158,10 @@ def _curvilinear(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
         wraps = wraps and part.size == columns.size
         if not within.all():
             notes.append("bounds: the block of the grid that holds all cells within them")
-    if wraps:
-        notes.append(_round(axes.lon))
+    notes += [_round(axes.lon)] * wraps
     if closed[rows].any():
-        notes.append(
-            f"{axes.lat}: the grid is folded in the North; {closed[rows].sum()} rows there repeat "
-            "others and are closed, as land"
-        )
+        folded = f"{closed[rows].sum()} rows there repeat others and are closed, as land"
+        notes.append(f"{axes.lat}: the grid is folded in the North; {folded}")
     block = np.ix_(rows, part)
     return OceanGrid(
         rows, columns[part], lon[block], lat[block], dx[block], dy[block], angle[block],
@@ -232,13 +228,11 @@ def _bounds(file: OceanFile, bounds: Sequence[float | int]) -> _Box:
     try:
         west, south, east, north = (float(value) for value in bounds)
     except (TypeError, ValueError) as error:
-        raise file.error(
-            "bounds", f"expected (west, south, east, north) in degrees, got {bounds!r}"
-        ) from error
+        why = f"expected (west, south, east, north) in degrees, got {bounds!r}"
+        raise file.error("bounds", why) from error
     if not np.isfinite([west, south, east, north]).all() or south >= north or west == east:
-        raise file.error(
-            "bounds", f"expected west, south, east, north with south < north, got {bounds!r}"
-        )
+        why = f"expected west, south, east, north with south < north, got {bounds!r}"
+        raise file.error("bounds", why)
     sphere.warn_if_wide(bounds)
     return west, south, east, north
 
@@ -247,8 +241,8 @@ def _outside(file: OceanFile, box: _Box, lon: np.ndarray, lat: np.ndarray) -> Va
     west, east = lon[0], lon[-1]
     if lon.ndim > 1:
         eastward = sphere.wrapped(lon - lon[0, 0])
-        west = sphere.wrapped(lon[0, 0] + np.nanmin(eastward))
-        east = sphere.wrapped(lon[0, 0] + np.nanmax(eastward))
+        ends = np.array([np.nanmin(eastward), np.nanmax(eastward)])
+        west, east = sphere.wrapped(lon[0, 0] + ends)
     return file.error(
         "bounds",
         f"{box}: no cell is within them; the file goes from {west:g} to {east:g} "

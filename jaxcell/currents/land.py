@@ -72,9 +72,8 @@ class Land:
             for line in lines:
                 points = shapely.get_coordinates(line)
                 # At the antimeridian and the South pole polygons are cut, but there is no coast.
-                cut = (np.abs(points[:, 0]) > 180 - _DIGITS / 2) | (
-                    points[:, 1] < -90 + _DIGITS / 2
-                )
+                cut = np.abs(points[:, 0]) > 180 - _DIGITS / 2
+                cut |= points[:, 1] < -90 + _DIGITS / 2
                 for part in np.split(points, np.flatnonzero(cut[1:] & cut[:-1]) + 1):
                     if len(part) > 1:
                         yield np.add(part, [turn, 0.0])
@@ -106,9 +105,8 @@ def _read_land(path: str, version: tuple[int, int]) -> Land:
             with reader(path) as file:
                 shapes = [shapely.geometry.shape(one) for one in file.iterShapes()]
     except Exception as error:  # the exceptions for damaged files are not documented
-        raise ValueError(
-            f"{path}: cannot be read as GeoJSON or a shapefile: {error_line(error)}"
-        ) from error
+        why = "cannot be read as GeoJSON or a shapefile"
+        raise ValueError(f"{path}: {why}: {error_line(error)}") from error
     # Twice: polygons may be in collections within the collection of the file.
     parts = shapely.get_parts(shapely.get_parts(np.atleast_1d(shapes)))
     polygons = parts[shapely.get_type_id(parts) == shapely.GeometryType.POLYGON]
@@ -116,17 +114,13 @@ def _read_land(path: str, version: tuple[int, int]) -> Land:
         raise ValueError(f"{path}: expected polygons of land, got none")
     west, south, east, north = shapely.total_bounds(polygons)
     if not (west >= -360 and east <= 360 and south >= -91 and north <= 91):
-        raise ValueError(
-            f"{path}: expected longitudes and latitudes in degrees, got {west:g} to {east:g} and "
-            f"{south:g} to {north:g}"
-        )
+        got = f"{west:g} to {east:g} and {south:g} to {north:g}"
+        raise ValueError(f"{path}: expected longitudes and latitudes in degrees, got {got}")
     polygons = shapely.get_parts(shapely.make_valid(polygons))
+    west, _, east, _ = shapely.bounds(polygons).T
     beyond = [
         shapely.transform(polygons[mask], lambda points, turn=turn: np.add(points, [turn, 0.0]))
-        for mask, turn in (
-            (shapely.bounds(polygons)[:, 2] > 180, -360.0),
-            (shapely.bounds(polygons)[:, 0] < -180, 360.0),
-        )
+        for mask, turn in ((east > 180, -360.0), (west < -180, 360.0))
     ]
     return Land(Path(path).name, np.concatenate([polygons, *beyond]))
 

@@ -1,11 +1,12 @@
 """The mask of a file: the variable that separates water from land."""
 
 import dataclasses
+import functools
 import re
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from jaxtyping import Bool, Float, Int
 
 from .conventions import Convention, table
@@ -48,24 +49,17 @@ def read_mask(
         and all(size == 1 for dim, size in variable.sizes.items() if dim not in (*dims, depth))
     }
 
-    def read(name: str) -> Float[np.ndarray, "#levels y x"]:
-        block: dict[str, object] = {dims[0]: rows, dims[1]: columns}
-        if depth in file.dataset[name].dims:
-            block[str(depth)] = places
-        return file.read(part(file, name, block), (depth or "", *dims))
+    block, order = {depth: places, dims[0]: rows, dims[1]: columns}, (depth or "", *dims)
 
-    if file.land is not None:
+    def read(name: str) -> Float[np.ndarray, "#levels y x"]:
+        return read_part(file, name, block, order)
+
+    if file.land is not None and set(dims) <= set(file.dataset[file.land[0]].dims):
         name, value = file.land
-        array = file.dataset[name]
-        if set(dims) <= set(array.dims):
-            extra = [dim for dim in array.dims if dim not in (*dims, depth)]
-            here: dict[str, Any] = {dims[0]: rows, dims[1]: columns, str(depth): places}
-            array = array.isel({dim: at for dim, at in here.items() if dim in array.dims})
-            wet: Any = False
-            for record in np.ndindex(*(array.sizes[dim] for dim in extra)):
-                one = array.isel(dict(zip(extra, record, strict=True)))
-                wet = wet | (file.read(one, (depth or "", *dims)) != value)
-            return Mask(name, wet, f"{value:g} is land, as asked")
+        extra = {dim: size for dim, size in file.dataset[name].sizes.items() if dim not in block}
+        records = (dict(zip(extra, at, strict=True)) for at in np.ndindex(*extra.values()))
+        wet = (read_part(file, name, block | record, order) != value for record in records)
+        return Mask(name, functools.reduce(np.logical_or, wet), f"{value:g} is land, as asked")
     for row in table("mask"):
         for name in row.names:
             if name in candidates:
@@ -97,21 +91,19 @@ def _as_named(
     return Mask(name, values > 0.5 if row.water else values < 0.5, why)
 
 
-def part(file: OceanFile, name: str, block: dict[str, object]) -> xr.DataArray:
-    """Select a `block` of indices of a variable; dimensions not in the block must have length 1."""
+def read_part(
+    file: OceanFile, name: str, block: Mapping[Any, Any], dims: Sequence[str]
+) -> Float[np.ndarray, "..."]:
+    """Read a `block` of indices of a variable, with its dimensions in the order `dims`.
+
+    Dimensions that are not in the block must have the length 1.
+    """
     array = file.dataset[name]
-    others = {str(dim): 0 for dim in array.dims if dim not in block}
-    for dim in others:
-        if array.sizes[dim] > 1:
-            raise file.error(
-                name,
-                f"dimension {dim} of length {array.sizes[dim]}: the velocity has no such dimension",
-            )
-    if absent := [dim for dim in block if dim not in array.dims]:
-        raise file.error(
-            name, f"expected the dimensions {', '.join(map(str, block))}; it has no {absent[0]}"
-        )
-    return array.isel(others | block)
+    for dim, size in array.sizes.items():
+        if dim not in block and size > 1:
+            why = f"dimension {dim} of length {size}: the velocity has no such dimension"
+            raise file.error(name, why)
+    return file.read(array.isel({dim: block.get(dim, 0) for dim in array.dims}), dims)
 
 
 def flag_meanings(attributes: dict[str, Any]) -> dict[float, str]:

@@ -22,6 +22,7 @@ LARGEST_BYTES = 4 * 2**30
 """The largest size of an array to read; a larger one is usually a whole ocean, read by mistake."""
 
 _MAX_READ = 10_000_000
+_CHOOSE_LESS = "choose less with time, depths or bounds"
 
 # Undeclared fill values: an old convention, and all larger values, which include the default fill
 # values of NetCDF, ROMS and HYCOM.
@@ -52,11 +53,6 @@ class OceanFile:
         """Return an error whose message is one line that begins with the file and the field."""
         return ValueError(f"{self.elsewhere.get(field, self.name)}: {field}: {one_line(message)}")
 
-    def named(self, names: Sequence[str]) -> list[str]:
-        """Find variables by name, ignoring case; return an empty list unless all exist."""
-        known = {str(name).lower(): str(name) for name in self.dataset.data_vars}
-        return [known[name] for name in names] if all(name in known for name in names) else []
-
     def coordinates(self, field: str) -> list[str]:
         """List the variables in the attribute `coordinates` of a variable."""
         variable = self.dataset[field]
@@ -68,13 +64,10 @@ class OceanFile:
         size = 8 * arrays * math.prod(sizes.values())
         if size > LARGEST_BYTES:
             text = " x ".join(f"{count} ({name})" for name, count in sizes.items())
-            error = self.error(
-                field,
-                f"{text} values would take {size / 2**30:.1f} GiB of memory; expected "
-                f"{LARGEST_BYTES / 2**30:g} GiB at most; choose less with time, depths or bounds",
-            )
-            raise TooLargeError(*error.args)
-        memory.check(size, f"{self.name}: {field}", "choose less with time, depths or bounds")
+            most = f"expected {LARGEST_BYTES / 2**30:g} GiB at most; {_CHOOSE_LESS}"
+            why = f"{text} values would take {size / 2**30:.1f} GiB of memory; {most}"
+            raise TooLargeError(*self.error(field, why).args)
+        memory.check(size, f"{self.name}: {field}", _CHOOSE_LESS)
 
     def read(self, array: xr.DataArray, dims: Sequence[str] = ()) -> Float[np.ndarray, "..."]:
         """Read a variable, or a part of a variable, as float64, with NaN for missing values.
@@ -115,20 +108,15 @@ def open_netcdf(path: str | os.PathLike[str], group: str | None = None) -> Itera
             empty = too_long or len(groups) != 1
             dataset = xr.Dataset() if empty else open_undecoded(path, engine, groups[0])
         except Exception as error:  # as above
-            raise ValueError(
-                f"{name}: cannot be read as NetCDF (truncated, damaged or another format): "
-                f"{error_line(error)}"
-            ) from error
+            why = "cannot be read as NetCDF (truncated, damaged or another format)"
+            raise ValueError(f"{name}: {why}: {error_line(error)}") from error
         for field, size in too_long.items():
-            raise ValueError(
-                f"{name}: {field}: expected at most {_MAX_READ:,} values of a coordinate or of "
-                f"text, got {size:,}"
-            )
+            expected = f"expected at most {_MAX_READ:,} values of a coordinate or of text"
+            raise ValueError(f"{name}: {field}: {expected}, got {size:,}")
         if len(groups) != 1:
-            raise ValueError(
-                f"{name}: group: expected one of the groups {', '.join(filter(None, groups))}, got "
-                f"{group or 'none'}; name it with group (--group {groups[-1]})"
-            )
+            expected = f"expected one of the groups {', '.join(filter(None, groups))}"
+            way_on = f"name it with group (--group {groups[-1]})"
+            raise ValueError(f"{name}: group: {expected}, got {group or 'none'}; {way_on}")
         with dataset:
             yield OceanFile(name, dataset)
 
@@ -147,8 +135,8 @@ def open_undecoded(
     part = xr.open_dataset(path, engine=engine, group=group, **options)
     both = whole.merge(part, compat="override", join="override")
     closing = contextlib.ExitStack()
-    closing.callback(whole.close)
-    closing.callback(part.close)
+    for dataset in (whole, part):
+        closing.callback(dataset.close)
     both.set_close(closing.close)
     return both
 

@@ -66,21 +66,21 @@ def open_currents(
 ) -> xr.Dataset:
     """Read ocean currents (Alam 2018, section 5.4.1).
 
-    Supported files are native output of ROMS, CROCO and NEMO, files at fixed depths or of the
-    surface with the names of CF or of common ocean models and products, and maps of HF radar.
-    Velocities on cell faces are averaged to the cell centres and rotated to East and North, and
-    levels that follow the sea bed are interpolated to depths. Only the chosen part is read from the
-    disk, record by record.
+    Supported files are native output of ROMS, CROCO, NEMO, MITgcm, MOM6 and POP, files at fixed
+    depths or of the surface with the names of CF or of common models and products, and maps of HF
+    radar. Velocities on cell faces are averaged to the cell centres and rotated to East and North,
+    and levels that follow the sea bed are interpolated to depths. Only the chosen part is read,
+    record by record.
 
-    A cell is water if it has a velocity at 80 % of the chosen records or more. Gaps are
-    interpolated in time; values with a bad quality flag count as gaps. If the file has a mask, the
-    cell must also be water in the mask. Masks are recognised by the names of ROMS, CROCO and NEMO,
-    by flags or options such as `option_0`, or by a standard name.
+    A cell is water if it has a velocity at 80 % of the chosen records or more, and is water in the
+    mask of the file, if there is one. Gaps are interpolated in time; values with a bad quality flag
+    count as gaps. Masks are recognised by the names of ROMS, CROCO and NEMO, by flags or options
+    such as `option_0`, or by a standard name.
 
     Other squares are land, the sea bed, or *sea without data*, an open edge of the map. A square
     below a square with a velocity is the sea bed. For other squares the mask decides; without a
-    mask, the depth of the sea bed decides; without this depth, a coastline decides: a square that
-    contains land is land.
+    mask, the depth of the sea bed; without this depth, a coastline: a square that contains land is
+    land.
 
     If the columns go round the Earth, repeated columns are left out, and the last column is beside
     the first. Rows that repeat other rows because the grid is folded in the North count as land.
@@ -94,15 +94,13 @@ def open_currents(
     - `time`: the index of a record, a moment (text such as `"2016-02-02T12:00"`, UTC, or a date for
         its midnight), a slice of indices, a month `"2016-02"`, or a pair of the first and the last
         record, as indices or moments, both included, or as a text `"2016-02-01/2016-02-11"`; by
-        default all records. A moment selects the nearest record (the
-        later of two equally near ones), which must be within half the time between records. Moments
-        are dates of the calendar of the file. If its years have 360 days, or no leap days, days are
-        counted from the beginning of the year of the first record, which `notes` mentions.
+        default all records. A moment selects the nearest record, the later of two, within half the
+        time between records. Moments are dates of the calendar of the file. If its years have 360
+        days, or no leap days, days are counted from the first record's year, as `notes` says.
     - `depths`: the depths of the layers in metres below the surface. In a file of fixed depths they
         must be among its levels, to the centimetre; by default all levels with water are read. If
-        levels follow the sea bed, any depth is possible, by default 0. Above the highest level and
-        below the lowest, the velocity is that of the nearest level. If the file has only some
-        levels, a depth farther from them than the thickness of a layer is an error.
+        levels follow the sea bed, any depth is possible, by default 0; beyond the levels, the
+        velocity is that of the nearest, which must be within the thickness of a layer.
     - `bounds`: `(west, south, east, north)` in degrees, across the antimeridian if west is more
         than east. On a turned or curved grid the smallest block with all these cells is read.
     - `variables`: the names of the velocities towards the East and North, for an ambiguous file.
@@ -113,9 +111,8 @@ def open_currents(
         `x_u` and `y_v` of the sides.
     - `coords`: the names of the variables with the longitudes and latitudes of the cells, and of
         that with the depths of the levels if it is unknown too.
-    - `time_units`: the unit of the times, such as `"days since 2000-01-01"`. If a dimension of time
-        has no variable, its records are counted.
-    - `calendar`: the calendar of the times, by its name in CF.
+    - `time_units`, `calendar`: the unit of the times, such as `"days since 2000-01-01"`, and their
+        calendar by its name in CF. If a dimension of time has no variable, its records are counted.
     - `mask`: the land, as `VAR=VALUE`: squares in which the variable has this value at all records,
         such as `"KMT=0"` or `"uo=0"`.
     - `units`: the unit of the velocities, such as `"cm/s"` or `"knots"`.
@@ -127,8 +124,7 @@ def open_currents(
     - `land`: a GeoJSON file or shapefile of land, for files without a mask; by default the bundled
         land of Natural Earth, whose coasts have errors of some kilometres.
     - `gaps`: `"open"` for the rules above; `"land"` if all squares without a velocity are land; or
-        `"fill"` to fill holes of up to nine squares, which the water encloses, with the velocity
-        around them.
+        `"fill"` to fill holes of up to nine squares in the water with the velocity around them.
 
     **Returns:** a dataset on the dimensions time, layer, y and x, the surface first and, on a grid
     of latitude and longitude, the South and West first:
@@ -183,27 +179,24 @@ def open_currents(
         if gaps == "fill":
             field = fill_holes(field)
         _check_positions(file, axes.lon, cells, field)
-        shares: dict[Push, float] = {"wind": float(windage), "stokes": float(stokes)}
-        pushes = [
-            (share, *read_surface(file, role, axes, cells, records, field.water[0]))
-            for role, share in shares.items()
-            if share
-        ]
-    gridded = f"{axes.lon}, {axes.lat}: from {source_name(grid)}" if grid is not None else ""
-    u, v, notes = field.u, field.v, [times.note, layers.note, *field.notes, *cells.notes]
-    notes.append(gridded)
-    if velocity.along == "grid" and cells.angle_from:
-        u, v = turned(u, v, cells.angle)
-        notes.append(f"{velocity.u}, {velocity.v}: turned to East and North by {cells.angle_from}")
-    for share, (east, north), names in pushes:
-        if mean:
-            east, north = east.mean(axis=0, keepdims=True), north.mean(axis=0, keepdims=True)
-        u[:, 0], v[:, 0] = u[:, 0] + share * east, v[:, 0] + share * north
-        notes.append(f"{names}: {share:g} of it is added to the current of the first layer")
+        u, v, notes = field.u, field.v, [times.note, layers.note, *field.notes, *cells.notes]
+        notes += [f"{axes.lon}, {axes.lat}: from {source_name(grid)}"] if grid is not None else []
+        if velocity.along == "grid" and cells.angle_from:
+            u, v = turned(u, v, cells.angle)
+            turn = f"turned to East and North by {cells.angle_from}"
+            notes.append(f"{velocity.u}, {velocity.v}: {turn}")
+        shares: dict[Push, float] = {"wind": windage, "stokes": float(stokes)}
+        for role, share in shares.items():
+            if not share:
+                continue
+            push, names = read_surface(file, role, axes, cells, records, field.water[0])
+            for values, extra in zip((u, v), push, strict=True):
+                values[:, 0] += share * (extra.mean(axis=0) if mean else extra)
+            notes.append(f"{names}: {share:g} of it is added to the current of the first layer")
     attributes: dict[str, str | int] = {
         "source": source_name(path),
-        "east_from": _origin(velocity, "East", cells),
-        "north_from": _origin(velocity, "North", cells),
+        "east_from": _origin(velocity, velocity.u, cells),
+        "north_from": _origin(velocity, velocity.v, cells),
         "notes": "\n".join(note for note in notes if note),
         "mean_of": len(records) if mean else 1,
         "coastline": "" if land is None else os.fspath(land),
@@ -218,31 +211,25 @@ def _check_positions(file: OceanFile, name: str, grid: OceanGrid, field: Field) 
     """Raise if a water cell has no position, angle or sides."""
     water = field.water.any(axis=0)
     for values, what in ((grid.lon, "longitude"), (grid.lat, "latitude"), (grid.angle, "angle")):
-        bad = water & ~np.isfinite(values)
-        if bad.any():
-            j, i = np.argwhere(bad)[0]
-            raise file.error(
-                name, f"no {what} at row {grid.rows[j]}, column {grid.columns[i]}, which is water"
-            )
+        for cell in np.argwhere(water & ~np.isfinite(values)):
+            raise file.error(name, f"no {what} at {grid.place(*cell)}, which is water")
     shorter, longer = np.minimum(grid.dx, grid.dy), np.maximum(grid.dx, grid.dy)
-    bad = water & ~((shorter > _LEAST_RATIO_OF_SIDES * longer) & np.isfinite(longer))
-    if bad.any():
-        j, i = np.argwhere(bad)[0]
+    sides = (shorter > _LEAST_RATIO_OF_SIDES * longer) & np.isfinite(longer)
+    for j, i in np.argwhere(water & ~sides):
         lat = grid.lat[j, i]
         at_pole = f"; the row at latitude {lat:g} is at a pole: leave it out with bounds"
         raise file.error(
             name,
-            f"the cell at row {grid.rows[j]}, column {grid.columns[i]} has sides of "
-            f"{grid.dx[j, i]:g} and {grid.dy[j, i]:g} m; expected more than 0"
-            f"{at_pole if abs(lat) > 89 else ''}",
+            f"the cell at {grid.place(j, i)} has sides of {grid.dx[j, i]:g} and {grid.dy[j, i]:g} "
+            f"m; expected more than 0{at_pole if abs(lat) > 89 else ''}",
         )
 
 
-def _origin(velocity: Velocity, towards: str, grid: OceanGrid) -> str:
-    """Describe the variables of the velocity `towards` East or North, and why they were chosen."""
+def _origin(velocity: Velocity, name: str, grid: OceanGrid) -> str:
+    """Describe the variables of the component `name`, and why they were chosen."""
     if velocity.along == "grid" and grid.angle_from:
-        return f"{velocity.u} and {velocity.v} along the grid, turned ({velocity.why})"
-    return f"{velocity.u if towards == 'East' else velocity.v} ({velocity.why})"
+        name = f"{velocity.u} and {velocity.v} along the grid, turned"
+    return f"{name} ({velocity.why})"
 
 
 def _dataset(
@@ -252,28 +239,27 @@ def _dataset(
     attributes: dict[str, str | int],
 ) -> xr.Dataset:
     cells, moving = ("y", "x"), ("time", "layer", "y", "x")
-    speed, metres = {"units": "m s-1"}, {"units": "m"}
-    east = {"standard_name": "eastward_sea_water_velocity"}
-    north = {"standard_name": "northward_sea_water_velocity"}
-    down = {"standard_name": "depth", "positive": "down"}
-    longitude = {"standard_name": "longitude", "units": "degrees_east"}
-    latitude = {"standard_name": "latitude", "units": "degrees_north"}
     turn = {"units": "radian", "long_name": "angle from East to the x axis, counter-clockwise"}
+    down = {"standard_name": "depth", "units": "m", "positive": "down"}
+    east, north = (
+        {"units": "m s-1", "standard_name": f"{towards}ward_sea_water_velocity"}
+        for towards in ("east", "north")
+    )
     return xr.Dataset(
         {
-            "u": (moving, field.u, speed | east),
-            "v": (moving, field.v, speed | north),
+            "u": (moving, field.u, east),
+            "v": (moving, field.v, north),
             "water": (moving[1:], field.water, {"long_name": "water at every record"}),
             "land": (moving[1:], field.land, {"long_name": "land or sea bed"}),
-            "dx": (cells, grid.dx, metres | {"long_name": "side of the cell along x"}),
-            "dy": (cells, grid.dy, metres | {"long_name": "side of the cell along y"}),
+            "dx": (cells, grid.dx, {"units": "m", "long_name": "side of the cell along x"}),
+            "dy": (cells, grid.dy, {"units": "m", "long_name": "side of the cell along y"}),
             "angle": (cells, grid.angle, turn),
         },
         coords={
             "time": ("time", times, {"standard_name": "time"}),
-            "depth": ("layer", field.depth, metres | down),
-            "lon": (cells, grid.lon, longitude),
-            "lat": (cells, grid.lat, latitude),
+            "depth": ("layer", field.depth, down),
+            "lon": (cells, grid.lon, {"standard_name": "longitude", "units": "degrees_east"}),
+            "lat": (cells, grid.lat, {"standard_name": "latitude", "units": "degrees_north"}),
         },
         attrs=attributes,
     )

@@ -85,11 +85,8 @@ def join_records(files: Sequence[OceanFile], name: str) -> OceanFile:
     for doubt in doubts - {""}:
         warn(f"{joined.name}: {doubt}", Doubt)
     if not whole:
-        raise joined.error(
-            "time",
-            f"no variable is at each of the {times.size} records of these files; expected the "
-            "same records for u and v",
-        )
+        why = f"no variable is at each of the {times.size} records of these files"
+        raise joined.error("time", f"{why}; expected the same records for u and v")
     about = {} if times.dtype.kind in "MO" else {"units": "seconds"}
     try:
         dataset = xr.Dataset(fixed | whole | {dim: xr.Variable(dim, times, about)})
@@ -113,10 +110,9 @@ def _joined(
     variables = [part[1] for part in parts]
     first = variables[0]
     for other in variables:
-        if other.dims != first.dims or other.isel({dim: 0}).shape != first.isel({dim: 0}).shape:
-            raise file.error(
-                name, f"expected one shape, got {dict(first.sizes)} and {dict(other.sizes)}"
-            )
+        if dict(first.sizes) | {dim: 0} != dict(other.sizes) | {dim: 0} or other.dims != first.dims:
+            shapes = f"{dict(first.sizes)} and {dict(other.sizes)}"
+            raise file.error(name, f"expected one shape, got {shapes}")
     times = np.unique(np.concatenate([part[0] for part in parts]))
     number, place = np.full(times.size, -1), np.zeros(times.size, int)
     begin, doubt = None, ""
@@ -125,10 +121,8 @@ def _joined(
         if (odd := np.diff(at) != 1).any():
             i = int(odd.argmax())
             between = own[i + 1] if at[i + 1] <= at[i] else times[at[i] + 1]
-            raise file.error(
-                name,
-                f"expected records in order from file to file, got {between} after {own[i]}",
-            )
+            why = f"expected records in order from file to file, got {between} after {own[i]}"
+            raise file.error(name, why)
         if (again := number[at] >= 0).any() and own[0] == begin:
             last = int(np.flatnonzero(again)[-1])
             before = variables[number[at[last]]].isel({dim: int(place[at[last]])})
@@ -139,10 +133,8 @@ def _joined(
                     "expected files of one model run, or runs that begin one after the other",
                 )
         elif again.any():
-            doubt = (
-                f"records until {own[again][-1]} are in more than one file; those of the file that "
-                "begins last are used"
-            )
+            doubt = f"records until {own[again][-1]} are in more than one file; those of the file"
+            doubt += " that begins last are used"
         number[at], place[at], begin = k, np.arange(at.size), own[0]
     axis = first.dims.index(dim)
     data = indexing.LazilyIndexedArray(_Records(variables, axis, number, place))

@@ -25,48 +25,48 @@ class Said:
     units: str | None = None
     group: str | None = None
 
+    @property
+    def _axes(self) -> dict[str, str]:
+        """The axis of each dimension that the caller named."""
+        return dict(dim.partition("=")[::2] for dim in self.dims or ())
+
     def named(self, file: OceanFile) -> OceanFile:
         """Rename the dimensions of one file, and give its times the unit and the calendar."""
-        axes = dict(dim.partition("=")[::2] for dim in self.dims or ())
-        if wrong := set(axes.values()) - {*_AXES}:
+        if wrong := set(self._axes.values()) - {*_AXES}:
             raise file.error("dims", f"expected NAME=AXIS with {', '.join(_AXES)}, got {wrong}")
-        dataset = file.dataset.rename({d: a for d, a in axes.items() if d in file.dataset.dims})
+        dataset = file.dataset
+        dataset = dataset.rename({d: axis for d, axis in self._axes.items() if d in dataset.dims})
         about = {"units": self.time_units, "calendar": self.calendar}
-        if not any(about.values()):
-            return dataclasses.replace(file, dataset=dataset)
-        times = [name for name in map(str, dataset.variables) if is_time(dataset, name)]
-        for dim in map(str, dataset.dims):
-            alone = not any(dataset[name].dims == (dim,) for name in times)
-            if alone and axis_kind(dataset, dim) == "time":
-                dataset[dim] = dim, np.arange(dataset.sizes[dim])
-                times.append(dim)
-        for name in times:
-            given = {key: value for key, value in about.items() if value}
-            dataset[name] = dataset[name].assign_attrs(given)
+        if given := {key: value for key, value in about.items() if value}:
+            times = [name for name in map(str, dataset.variables) if is_time(dataset, name)]
+            for dim in map(str, dataset.dims):
+                alone = not any(dataset[name].dims == (dim,) for name in times)
+                if alone and axis_kind(dataset, dim) == "time":
+                    dataset[dim] = dim, np.arange(dataset.sizes[dim])
+                    times.append(dim)
+            for name in times:
+                dataset[name] = dataset[name].assign_attrs(given)
         return dataclasses.replace(file, dataset=dataset)
 
     def placed(self, file: OceanFile) -> OceanFile:
         """Give all files together their positions, depths and mask."""
-        dataset, known = file.dataset, ", ".join(map(str, file.dataset.variables))
-        axes = {axis: dim for dim, axis in (one.partition("=")[::2] for one in self.dims or ())}
-        for axis, dim in axes.items():
+        dataset, positions = file.dataset, tuple(self.coords or ())
+        for dim, axis in self._axes.items():
             if axis not in dataset.dims:
                 listed = ", ".join(map(str, dataset.dims))
                 raise file.error("dims", f"{dim!r} is not a dimension; the file has {listed}")
         named, value = (self.mask or "").partition("=")[::2]
-        for option, name in (*(("coords", name) for name in self.coords or ()), ("mask", named)):
+        for option, name in (*(("coords", name) for name in positions), ("mask", named)):
             if name and name not in dataset.variables:
+                known = ", ".join(map(str, dataset.variables))
                 raise file.error(option, f"{name!r} is not in the file, which has {known}")
-        if self.coords and not 2 <= len(self.coords) <= 3:
+        if positions and not 2 <= len(positions) <= 3:
             raise file.error("coords", f"expected LON LAT or LON LAT DEPTH, got {self.coords}")
-        for name, role in zip(self.coords or (), ("longitude", "latitude", "depth"), strict=False):
-            if role == "depth":
-                dim = str(next(iter(dataset[name].dims)))
-                levels = dataset[name].reset_coords(drop=True).assign_attrs(axis="Z")
-                dataset = dataset.assign_coords({dim: levels})
+        for name in positions[2:]:
+            levels = dataset[name].reset_coords(drop=True).assign_attrs(axis="Z")
+            dataset = dataset.assign_coords({levels.dims[0]: levels})
         try:
             land = (named, float(value)) if self.mask else None
         except ValueError:
             raise file.error("mask", f"expected VAR=VALUE of land, got {self.mask!r}") from None
-        positions = tuple(self.coords or ())
         return dataclasses.replace(file, dataset=dataset, positions=positions, land=land)

@@ -1,6 +1,7 @@
 """The sources of currents: files, stores, addresses, and open datasets."""
 
 import contextlib
+import functools
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -57,9 +58,8 @@ def paths_of(source: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]) 
     """List the paths of a source; the matches of a pattern are sorted by name."""
     several = [source] if isinstance(source, str | os.PathLike) else source
     if not isinstance(several, Sequence):
-        raise ValueError(
-            f"path: expected a file, a list of files or a dataset, got {type(source).__name__}"
-        )
+        got = type(source).__name__
+        raise ValueError(f"path: expected a file, a list of files or a dataset, got {got}")
     paths = [path for pattern in several for path in existing(pattern)]
     if not paths:
         raise ValueError("path: expected a file or more, got none")
@@ -72,23 +72,15 @@ def _opened(source: Source, stack: contextlib.ExitStack, said: Said) -> OceanFil
         variables, attributes = xr.conventions.encode_dataset_coordinates(source)
         return said.named(OceanFile(source_name(source), xr.Dataset(variables, attrs=attributes)))
     files = [said.named(_opened_alone(path, stack, said.group)) for path in paths_of(source)]
-    meshes = [file for file in files if "glamt" in file.dataset.variables]
-    if 0 < len(meshes) < len(files):
-        file = _joined_files([file for file in files if file not in meshes])
-        for mesh in meshes:
-            file = _with_grid(file, mesh)
-        return file
-    return _joined_files(files)
-
-
-def _joined_files(files: list[OceanFile]) -> OceanFile:
-    if len(files) == 1:
-        return files[0]
-    clashing = _clashing_positions(files)
-    parts = [
-        OceanFile(file.name, file.dataset.drop_vars(clashing, errors="ignore")) for file in files
-    ]
-    return join_records(parts, _joined([file.name for file in files]))
+    fields = [file for file in files if "glamt" not in file.dataset.variables]
+    meshes = [file for file in files if "glamt" in file.dataset.variables] if fields else []
+    parts = fields or files
+    if len(parts) > 1:
+        clashing = _clashing_positions(parts)
+        kept = [file.dataset.drop_vars(clashing, errors="ignore") for file in parts]
+        names = [file.name for file in parts]
+        parts = [join_records(list(map(OceanFile, names, kept)), _joined(names))]
+    return functools.reduce(_with_grid, meshes, parts[0])
 
 
 def _opened_alone(path: str, stack: contextlib.ExitStack, group: str | None) -> OceanFile:
@@ -122,11 +114,8 @@ def _clashing_positions(files: list[OceanFile]) -> set[str]:
             other, before = known.setdefault(name, (file, values))
             if np.array_equal(values, before, equal_nan=True):
                 continue
-            fields, others = (
-                {str(n) for n, v in each.dataset.data_vars.items() if v.ndim > 2}
-                for each in (file, other)
-            )
-            if values.ndim == 1 or fields & others:
+            fields = [{n for n, v in one.dataset.items() if v.ndim > 2} for one in (file, other)]
+            if values.ndim == 1 or set.intersection(*fields):
                 raise file.error(name, f"not the same as in {other.name}; expected one grid")
             clashing.add(name)
     return clashing
@@ -136,17 +125,12 @@ def _with_grid(file: OceanFile, grid: OceanFile) -> OceanFile:
     """Add those variables of the file `grid` that do not change in time."""
     fixed, moving = grid.dataset, file.dataset
     for dim, size in fixed.sizes.items():
+        shared = dim in moving.indexes and dim in fixed.indexes
         if axis_kind(fixed, str(dim)) == "time":
             fixed = fixed.isel({dim: 0}, drop=True) if size == 1 else fixed.drop_dims([dim])
-        elif moving.sizes.get(dim, size) != size:
-            raise grid.error(
-                str(dim), f"expected the length {moving.sizes[dim]} of {file.name}, got {size}"
-            )
-        elif (
-            dim in moving.indexes
-            and dim in fixed.indexes
-            and not np.allclose(file.read(moving[dim]), grid.read(fixed[dim]))
-        ):
+        elif (length := moving.sizes.get(dim, size)) != size:
+            raise grid.error(str(dim), f"expected the length {length} of {file.name}, got {size}")
+        elif shared and not np.allclose(file.read(moving[dim]), grid.read(fixed[dim])):
             raise grid.error(str(dim), f"not the same as in {file.name}; expected one grid")
     times = {dim for dim in moving.dims if axis_kind(moving, str(dim)) == "time"}
     kept = {name for name, variable in moving.variables.items() if times & set(variable.dims)}

@@ -49,12 +49,8 @@ def repeated_columns(lon: Float[np.ndarray, " x"]) -> int:
     same = _SAME * np.abs(steps).min(initial=np.inf)
     again = int((place >= 360 - same).sum())
     # A column is dropped only if the column that it repeats is kept.
-    if (
-        2 * again > lon.size
-        or not (np.abs(place[lon.size - again :] - 360 - place[:again]) <= same).all()
-    ):
-        return 0
-    return again
+    apart = np.abs(place[lon.size - again :] - 360 - place[:again])
+    return again if 2 * again <= lon.size and (apart <= same).all() else 0
 
 
 def overlapping_columns(lon: _Cells, lat: _Cells) -> int:

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int
 
 from .axes.dimensions import Axes
 from .component import metres_per_second, read_cells
-from .conventions import table
+from .conventions import find_pairs, table
 from .grid import OceanGrid
 from .netcdf import OceanFile
 
@@ -31,33 +31,22 @@ def read_surface(
 
     **Returns:** the components in m/s, 0 outside `water`; and the names of the variables.
     """
-    names = _names(file, role)
+    both = (pair for _, pair in find_pairs(file.dataset, role) if all(pair))
+    if not (found := next(both, [])):
+        pairs = (" and ".join(row.names or row.standard_names) for row in table(role))
+        expected = " or ".join(dict.fromkeys(pairs))
+        raise file.error(role, f"the file has no {_WHAT[role]}; expected {expected}")
+    names = [variables[-1] for variables in found]
     values = np.zeros((2, len(records), *water.shape))
     for component, name in zip(values, names, strict=True):
         factor = metres_per_second(file, name)
         for cells, record in zip(component, records.tolist(), strict=True):
             cells[water] = factor * read_cells(file, name, axes, grid, record)[water]
             wrong = water & ~(np.abs(cells) <= _FASTEST[role])
-            if wrong.any():
-                row, column = np.argwhere(wrong)[0]
+            for cell in np.argwhere(wrong):
                 raise file.error(
                     name,
                     f"expected a {_WHAT[role]} up to {_FASTEST[role]:g} m/s wherever there is "
-                    f"water, got {cells[row, column]:g} at record {record}, row {grid.rows[row]}, "
-                    f"column {grid.columns[column]}",
+                    f"water, got {cells[*cell]:g} at record {record}, {grid.place(*cell)}",
                 )
     return values, ", ".join(names)
-
-
-def _names(file: OceanFile, role: Push) -> list[str]:
-    """Find the eastward and northward variables of a role by standard name, or else by name."""
-    variables = file.dataset.data_vars.items()
-    by_standard = {str(v.attrs.get("standard_name")): str(name) for name, v in variables}
-    for row in table(role):
-        if row.standard_names and all(name in by_standard for name in row.standard_names):
-            return [by_standard[name] for name in row.standard_names]
-        if named := file.named(row.names):
-            return named
-    pairs = (" and ".join(row.names or row.standard_names) for row in table(role))
-    expected = " or ".join(dict.fromkeys(pairs))
-    raise file.error(role, f"the file has no {_WHAT[role]}; expected {expected}")

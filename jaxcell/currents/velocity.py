@@ -12,7 +12,7 @@ from .axes.dimensions import (
     unstructured,
     without_outer_faces,
 )
-from .conventions import table
+from .conventions import find_pairs, table
 from .models import mitgcm, nemo, plane, polar
 from .netcdf import OceanFile
 
@@ -22,12 +22,10 @@ _NAME_THEM = "name u and v with variables (--variables U V)"
 
 @dataclasses.dataclass(frozen=True)
 class Velocity:
-    """The two components of the current."""
+    """The variables of the two components of the current, and their axes."""
 
     u: str
-    "The variable towards the East or along x."
     v: str
-    "The variable towards the North or along y."
     along: Literal["earth", "grid"]
     "The directions of the components: East and North, or x and y of the grid."
     why: str
@@ -58,7 +56,7 @@ def choose_velocity(
 
     **Returns:** the file, with dimensions of ROMS if it is from NEMO or MITgcm; and the velocity.
     """
-    pair = None if variables is not None else _by_standard_name(file) or _by_name(file)
+    pair = None if variables is not None else _known(file)
     if pair is None:
         file = polar.on_components(file, variables)
         if polar.NAMES[0] in file.dataset.variables and polar.NAMES[0] not in (variables or ()):
@@ -71,11 +69,8 @@ def choose_velocity(
     file = plane.on_earth(without_outer_faces(file), pair.u)
     u_axes, v_axes = find_axes(file, pair.u), find_axes(file, pair.v)
     if (u_axes.time, u_axes.depth, u_axes.rho) != (v_axes.time, v_axes.depth, v_axes.rho):
-        raise file.error(
-            pair.v,
-            f"expected the dimensions of {pair.u}, {file.dataset[pair.u].dims}, got "
-            f"{file.dataset[pair.v].dims}",
-        )
+        ours, theirs = (file.dataset[name].dims for name in (pair.u, pair.v))
+        raise file.error(pair.v, f"expected the dimensions of {pair.u}, {ours}, got {theirs}")
     along, why = _along(file, pair, u_axes)
     return file, Velocity(pair.u, pair.v, along, why, u_axes, v_axes)
 
@@ -92,32 +87,16 @@ def _as_asked(file: OceanFile, variables: Sequence[str]) -> _Pair:
     return _Pair(u, v, next(known, "dims"), "as asked")
 
 
-def _by_standard_name(file: OceanFile) -> _Pair | None:
-    by_standard: dict[str, list[str]] = {}
-    for name, variable in file.dataset.data_vars.items():
-        by_standard.setdefault(str(variable.attrs.get("standard_name")), []).append(str(name))
-    for row in table("velocity"):
-        names = [by_standard.get(standard_name, []) for standard_name in row.standard_names]
-        if not any(names):
-            continue
-        for standard_name, candidates in zip(row.standard_names, names, strict=True):
-            if len(candidates) != 1:
-                raise file.error(
-                    "standard_name",
-                    f"expected one variable that is {standard_name}, got "
-                    f"{', '.join(candidates) or 'none'}; {_NAME_THEM}",
-                )
-        why = f"by the standard names {row.standard_names[0]} and {row.standard_names[1]}"
-        return _Pair(names[0][0], names[1][0], row.along, why)
-    return None
-
-
-def _by_name(file: OceanFile) -> _Pair | None:
-    """Find u and v under the names that ocean models use, in upper or lower case."""
-    for row in table("velocity"):
-        if named := file.named(row.names):
-            u, v = named
-            return _Pair(u, v, row.along)
+def _known(file: OceanFile) -> _Pair | None:
+    """Find u and v by standard names, or else by the names that ocean models use."""
+    for row, found in find_pairs(file.dataset, "velocity"):
+        for name, variables in zip(row.standard_names, found, strict=False):
+            if len(variables) != 1:
+                got = f"got {', '.join(variables) or 'none'}; {_NAME_THEM}"
+                raise file.error("standard_name", f"expected one variable that is {name}, {got}")
+        named = " and ".join(row.standard_names)
+        why = f"by the standard names {named}" if named else None
+        return _Pair(found[0][-1], found[1][-1], row.along, why)
     return None
 
 

@@ -43,10 +43,10 @@ def choose_layers(
     wanted = None if depths is None else _depths(file, depths)
     if dim is None:
         level, why = _single_level(file, velocity)
+        note = f"{velocity} has a single level, {why}"
         if wanted is not None and (len(wanted) > 1 or abs(wanted[0] - level) > 0.01):
             got = ", ".join(f"{value:g}" for value in wanted)
-            raise file.error("depths", f"{velocity} has a single level, {why}; no layer at {got} m")
-        note = f"{velocity} has a single level, {why}"
+            raise file.error("depths", f"{note}; no layer at {got} m")
         return Layers(np.array([level]), None, None, wanted is not None, note=note)
     if _is_s(file, dim):
         s_levels, why = read_s_levels(file, dim)
@@ -57,13 +57,12 @@ def choose_layers(
     levels, note = _z_levels(file, dim)
     if wanted is None:
         places = np.argsort(levels)
-        return Layers(levels[places], places, None, False, note=note)
+        return Layers(levels[places], places, None, False, None, note)
     places = np.abs(levels - wanted[:, None]).argmin(axis=1)
     # To the centimetre, because users name levels such as 0.494025 m by rounded values.
-    wrong = np.abs(levels[places] - wanted) > 0.01
-    if wrong.any():
+    for other in wanted[np.abs(levels[places] - wanted) > 0.01]:
         known = ", ".join(f"{value:g}" for value in np.sort(levels))
-        raise file.error("depths", f"{wanted[wrong][0]:g} m is not one of the levels {known} m")
+        raise file.error("depths", f"{other:g} m is not one of the levels {known} m")
     top = int(levels.argmin())
     return Layers(levels[places], places, None, True, None if top in places else top, note)
 
@@ -71,18 +70,16 @@ def choose_layers(
 def _single_level(file: OceanFile, velocity: str) -> tuple[float, str]:
     """Return the depth of a velocity with a single level, and a phrase that explains this depth."""
     for name in file.coordinates(velocity):
-        if name not in file.dataset.variables or file.dataset[name].size != 1:
-            continue
-        if axis_kind(file.dataset, name) != "depth":
+        alone = name in file.dataset.variables and file.dataset[name].size == 1
+        if not alone or axis_kind(file.dataset, name) != "depth":
             continue
         if not _is_s(file, name):
             levels, _ = _z_levels(file, name)
             return float(levels[0]), f"at {levels[0]:g} m, by {name}"
         s = float(file.read(file.dataset[name]).reshape(()))
         if not -ALONE <= s <= 0.001:
-            raise file.error(
-                name, f"{velocity} has a single level, and it is not that of the surface: {s:g}"
-            )
+            why = f"{velocity} has a single level, and it is not that of the surface: {s:g}"
+            raise file.error(name, why)
     return 0.0, "taken as the surface"
 
 
@@ -109,10 +106,8 @@ def _is_s(file: OceanFile, dim: str) -> bool:
 def _z_levels(file: OceanFile, dim: str) -> tuple[Float[np.ndarray, " levels"], str]:
     """Return depths in metres, positive down, and a note if the file gives them the wrong sign."""
     if dim not in file.dataset.variables:
-        raise file.error(
-            dim,
-            "the depths of the levels are missing; name them with coords (--coords LON LAT DEPTH)",
-        )
+        way_on = "name them with coords (--coords LON LAT DEPTH)"
+        raise file.error(dim, f"the depths of the levels are missing; {way_on}")
     levels = file.read(file.dataset[dim]).reshape(-1)
     attributes = file.dataset[dim].attrs
     units = str(attributes.get("units", "m"))
@@ -128,8 +123,7 @@ def _z_levels(file: OceanFile, dim: str) -> tuple[Float[np.ndarray, " levels"], 
             raise file.error(dim, f"expected depths on one side of 0, got {levels}")
         return -levels if positive == "up" else levels, ""
     # The sea is below its surface, even if the attribute `positive` says otherwise.
-    note = ""
-    if levels.any() and positive == ("down" if levels.min() < 0 else "up"):
-        note = f"{dim}: from {levels[0]:g} to {levels[-1]:g} m, though positive is {positive}"
-        note += "; taken as below the surface"
-    return np.abs(levels), note
+    if not levels.any() or positive != ("down" if levels.min() < 0 else "up"):
+        return np.abs(levels), ""
+    note = f"{dim}: from {levels[0]:g} to {levels[-1]:g} m, though positive is {positive}"
+    return np.abs(levels), f"{note}; taken as below the surface"

@@ -70,22 +70,16 @@ def find_axes(file: OceanFile, name: str) -> Axes:
             dims[kind] = str(dim)
         elif size > 1:
             why = "it is unknown" if kind is None else f"{dims[kind]} is {kind} already"
-            raise file.error(
-                name,
-                f"dimension {dim} of length {size}: expected time, depth, y or x; {why}; name its "
-                f"axis with dims (--dims {dim}=AXIS)",
-            )
+            expected = f"dimension {dim} of length {size}: expected time, depth, y or x; {why}"
+            raise file.error(name, f"{expected}; name its axis with dims (--dims {dim}=AXIS)")
     depth = dims.get("depth", "")
     if file.dataset.sizes.get(depth) == 1 and depth not in (*file.dataset.variables, "s_rho"):
         del dims["depth"]  # a single level, whose depth is not known
     for kind in ("y", "x"):
         if kind not in dims:
-            listed = ", ".join(map(str, file.dataset[name].dims)) or "none"
-            raise file.error(
-                name,
-                f"expected a dimension for {kind}, got the dimensions {listed}; name it with dims "
-                f"(--dims NAME={kind})",
-            )
+            got = f"got the dimensions {', '.join(map(str, file.dataset[name].dims)) or 'none'}"
+            way_on = f"name it with dims (--dims NAME={kind})"
+            raise file.error(name, f"expected a dimension for {kind}, {got}; {way_on}")
     y, x = dims["y"], dims["x"]
     rho = STAGGERED.get(y, y), STAGGERED.get(x, x)
     lon, lat = _position(file, name, "lon", rho), _position(file, name, "lat", rho)
@@ -125,11 +119,8 @@ def _check_structured(file: OceanFile, velocity: str) -> None:
     for dim in map(str, file.dataset[velocity].dims):
         along = [str(name) for name, variable in variables.items() if variable.dims == (dim,)]
         lon, lat = (find(file.dataset, which, along) for which in ("lon", "lat"))
-        if file.dataset.sizes[dim] > 1 and (
-            dim == "nele"
-            or on_nodes((dim,))
-            or (lon is not None and lat is not None and lon != lat)
-        ):
+        together = lon is not None and lat is not None and lon != lat
+        if file.dataset.sizes[dim] > 1 and (dim == "nele" or on_nodes((dim,)) or together):
             raise unstructured(file, velocity)
 
 
@@ -148,10 +139,8 @@ def _check_lengths(file: OceanFile, axes: Axes) -> None:
         # index ranges have as many sides as cells.
         least = sizes[rho] - (axis == axes.between)
         if not least <= sizes[dim] <= sizes[rho]:
-            raise file.error(
-                dim,
-                f"expected a length of {least} with {sizes[rho]} cells ({rho}), got {sizes[dim]}",
-            )
+            expected = f"expected a length of {least} with {sizes[rho]} cells ({rho})"
+            raise file.error(dim, f"{expected}, got {sizes[dim]}")
 
 
 def unstructured(file: OceanFile, field: str) -> ValueError:
@@ -170,12 +159,9 @@ def _position(
     file: OceanFile, velocity: str, which: Literal["lon", "lat"], dims: tuple[str, str]
 ) -> str:
     """Find the variable with the longitudes or latitudes of cells on the dimensions `dims`."""
-    along, variables = dims[0] if which == "lat" else dims[1], file.dataset.variables
-    candidates = [
-        str(name)
-        for name, variable in variables.items()
-        if set(variable.dims) == set(dims) or variable.dims == (along,)
-    ]
+    along = dims[0] if which == "lat" else dims[1]
+    variables = ((str(name), v.dims) for name, v in file.dataset.variables.items())
+    candidates = [name for name, own in variables if set(own) == set(dims) or own == (along,)]
     asked = file.positions[which == "lat" :][:1]
     if asked and asked[0] in candidates:
         return asked[0]

@@ -38,6 +38,7 @@ _CALENDARS = {
 _DIGITS = re.compile("%Y%m%d|yyyymmdd", re.IGNORECASE)
 # The largest time without a date, counted from 1970, whose nanoseconds fit 64 bits.
 _MAX_SECONDS = 9.2e9
+_NAME_IT = 'name a unit with time_units (--time-units "days since 2000-01-01")'
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,21 +62,33 @@ def record_times(file: OceanFile, dim: str | None) -> RecordTimes:
     if name is None:
         note = "time: the file has none; taken as 1970-01-01"
         return RecordTimes(np.zeros(1, "datetime64[ns]"), None, False, note)
-    if 0 in file.dataset[name].shape:
+    if file.dataset[name].size == 0:
         raise file.error(name, "expected a record or more, got none")
-    records = _decoded(file, name)
-    times = records.values
+    times, start, note = read_times(file, name), None, ""
+    dated = times.dtype.kind != "f"
+    if not dated:
+        seconds = np.where(np.abs(times) < _MAX_SECONDS, times, np.nan)
+        times = np.datetime64(0, "ns") + np.round(seconds * 1e9).astype("timedelta64[ns]")
+        note = f"{name}: {file.dataset[name].attrs['units']} without a date; counted from "
+        note += "1970-01-01"
+    elif times.dtype.kind == "O":
+        first = times[0]
+        if not isinstance(first, cftime.datetime):
+            raise file.error(name, f"expected dates, got {first}")
+        start = cftime.datetime(first.year, 1, 1, calendar=first.calendar)
+        times = np.array([_since(start, date) for date in times])
+        note = f"{name}: calendar {start.calendar}; the days since {first.year:04d}-01-01 are "
+        note += f"counted from {_year(start)}-01-01"
+    times = _in_nanoseconds(times)
     if (odd := np.isnat(times)).any():
-        raise file.error(
-            name, f"the time of record {int(odd.argmax())} is missing, or not from 1678 to 2261"
-        )
-    backwards = np.diff(times) <= np.timedelta64(0, "ns")
-    if backwards.any():
+        why = f"the time of record {int(odd.argmax())} is missing, or not from 1678 to 2261"
+        raise file.error(name, why)
+    if (backwards := np.diff(times) <= np.timedelta64(0, "ns")).any():
         k = int(backwards.argmax())
         raise file.error(
             name, f"expected times in order, got {times[k + 1]} after {times[k]} (record {k + 1})"
         )
-    return records
+    return RecordTimes(times, start, dated, note)
 
 
 def read_times(file: OceanFile, name: str) -> Shaped[np.ndarray, " records"]:
@@ -98,40 +111,14 @@ def read_times(file: OceanFile, name: str) -> Shaped[np.ndarray, " records"]:
         if " since " in dated:
             return _counted(file.read(variable).reshape(-1), dated, calendar)
     except Exception as error:  # the exceptions for damaged files are not documented
-        raise file.error(
-            name,
-            f"its times in {units!r} cannot be read; name their unit with time_units "
-            '(--time-units "days since 2000-01-01")',
-        ) from error
+        raise file.error(name, f"its times in {units!r} cannot be read; {_NAME_IT}") from error
     if units.lower() not in SECONDS:
-        raise file.error(
-            name,
-            f"units: expected a unit of time since a date, got {units!r}; name it with time_units "
-            '(--time-units "days since 2000-01-01")',
-        )
+        why = f"units: expected a unit of time since a date, got {units!r}; {_NAME_IT}"
+        raise file.error(name, why)
     seconds = file.read(variable).reshape(-1) * SECONDS[units.lower()]
     if not np.isfinite(seconds).all():
         raise file.error(name, "a time is missing")
     return seconds
-
-
-def _decoded(file: OceanFile, name: str) -> RecordTimes:
-    times = read_times(file, name)
-    if times.dtype.kind == "M":
-        return RecordTimes(_in_nanoseconds(times))
-    if times.dtype.kind == "f":
-        units = file.dataset[name].attrs["units"]
-        seconds = np.where(np.abs(times) < _MAX_SECONDS, times, np.nan)
-        values = np.datetime64(0, "ns") + np.round(seconds * 1e9).astype("timedelta64[ns]")
-        note = f"{name}: {units} without a date; counted from 1970-01-01"
-        return RecordTimes(values, None, False, note)
-    first = times[0]
-    if not isinstance(first, cftime.datetime):
-        raise file.error(name, f"expected dates, got {first}")
-    start = cftime.datetime(first.year, 1, 1, calendar=first.calendar)
-    values = _in_nanoseconds(np.array([_since(start, date) for date in times]))
-    note = f"{name}: calendar {start.calendar}; the days since {first.year:04d}-01-01 are counted "
-    return RecordTimes(values, start, True, f"{note}from {_year(start)}-01-01")
 
 
 def _year(start: cftime.datetime) -> int:
@@ -217,34 +204,33 @@ def choose_records(file: OceanFile, times: RecordTimes, when: When) -> Int[np.nd
     records = np.arange(len(times.values))
     if when is None:
         return records
-    if (period := read_period(when)) and "/" not in str(when) and times.dated:
+    period = read_period(when)
+    if period and "/" not in str(when) and times.dated:
         begin, end = (_moment(file, moment, times.start) for moment in period)
-        chosen = records[(times.values >= begin) & (times.values < end)]
-        if chosen.size == 0:
+        if not (within := (times.values >= begin) & (times.values < end)).any():
             first, last = times.values[[0, -1]].astype("datetime64[D]")
             raise file.error("time", f"{when}: the records are from {first} to {last}")
-        return chosen
+        return records[within]
     when = period or when
     if isinstance(when, slice):
         if not (when.step is None or (_is_index(when.step) and when.step > 0)):
             raise file.error("time", f"expected a step of 1 or more, got {when}")
         if all(end is None or _is_index(end) for end in (when.start, when.stop)):
-            chosen = records[when]
-            if chosen.size == 0:
+            if records[when].size == 0:
                 raise file.error("time", f"{when} holds none of the {len(records)} records")
-            return chosen
+            return records[when]
         if when.step is not None:
             raise file.error("time", f"expected a slice of times without a step, got {when}")
         when = (when.start, when.stop)
-    if isinstance(when, (list, tuple)):
-        if len(when) != 2:
-            raise file.error("time", f"expected the first and the last time, got {when!r}")
-        first = 0 if when[0] is None else _record(file, times, when[0])
-        last = len(records) - 1 if when[1] is None else _record(file, times, when[1])
-        if first > last:
-            raise file.error("time", f"expected the earlier time first, got {when!r}")
-        return records[first : last + 1]
-    return records[[_record(file, times, when)]]
+    if not isinstance(when, (list, tuple)):
+        return records[[_record(file, times, when)]]
+    if len(when) != 2:
+        raise file.error("time", f"expected the first and the last time, got {when!r}")
+    first = 0 if when[0] is None else _record(file, times, when[0])
+    last = len(records) - 1 if when[1] is None else _record(file, times, when[1])
+    if first > last:
+        raise file.error("time", f"expected the earlier time first, got {when!r}")
+    return records[first : last + 1]
 
 
 def _record(file: OceanFile, records: RecordTimes, moment: Any) -> int:
@@ -254,17 +240,15 @@ def _record(file: OceanFile, records: RecordTimes, moment: Any) -> int:
             raise file.error("time", f"record {moment}: the file has 0 to {len(times) - 1}")
         return int(moment) % len(times)
     if not records.dated:
-        raise file.error(
-            "time", f"expected the index of a record, as they have no date, got {moment!r}"
-        )
+        why = f"expected the index of a record, as they have no date, got {moment!r}"
+        raise file.error("time", why)
     wanted = _moment(file, moment, records.start)
     nearest = len(times) - 1 - int(np.abs(times - wanted)[::-1].argmin())
     slack = np.median(np.diff(times)) / 2 if len(times) > 1 else np.timedelta64(0, "ns")
     if abs(times[nearest] - wanted) > slack:
         first, last, closest = times[[0, -1, nearest]].astype("datetime64[s]")
-        raise file.error(
-            "time", f"{moment}: the nearest of the records from {first} to {last} is {closest}"
-        )
+        why = f"{moment}: the nearest of the records from {first} to {last} is {closest}"
+        raise file.error("time", why)
     return nearest
 
 
@@ -280,9 +264,8 @@ def _moment(file: OceanFile, moment: Any, start: cftime.datetime | None) -> np.d
                 moment = moment.astimezone(datetime.UTC).replace(tzinfo=None)
             wanted = np.datetime64(moment)
     except (TypeError, ValueError) as error:
-        raise file.error(
-            "time", f"expected an index or a date such as 2016-02-02T12:00, got {moment!r}"
-        ) from error
+        why = f"expected an index or a date such as 2016-02-02T12:00, got {moment!r}"
+        raise file.error("time", why) from error
     wanted = _in_nanoseconds(wanted)
     if np.isnat(wanted):
         raise file.error("time", f"expected a date from 1678 to 2261, got {moment!r}")
@@ -305,9 +288,7 @@ def time_variable(file: OceanFile, dim: str | None) -> str | None:
         if variable.dims == (dim,) and is_time(file.dataset, str(name)):
             return str(name)
     raise file.error(
-        dim,
-        "no variable gives the times of this dimension; to count its records, name a unit with "
-        'time_units (--time-units "days since 2000-01-01")',
+        dim, f"no variable gives the times of this dimension; to count its records, {_NAME_IT}"
     )
 
 

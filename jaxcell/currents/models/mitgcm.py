@@ -13,9 +13,9 @@ from ..netcdf import OceanFile
 _CENTRES = {"XG": "XC", "YG": "YC", "i_g": "i", "j_g": "j", "Xp1": "X", "Yp1": "Y",
             "xq": "xh", "yq": "yh"}  # fmt: skip
 _POSITIONS = {"lon_rho": ("XC", "X", "geolon", "xh"), "lat_rho": ("YC", "Y", "geolat", "yh")}
-# The last letter of the names of masks, or of open shares of cells or sides.
-_MASKS = {"mask_rho": "C", "mask_u": "W", "mask_v": "S"}
-_FACES = ("tile", "face")
+# The names of masks of MOM6, and of masks or open shares of cells and sides of MITgcm.
+_MASKS = {"mask_rho": ("wet", "maskC", "hFacC"), "mask_u": ("wet_u", "maskW", "hFacW"),
+          "mask_v": ("wet_v", "maskS", "hFacS")}  # fmt: skip
 
 
 def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
@@ -26,19 +26,19 @@ def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
     Other files are returned unchanged.
     """
     dataset = file.dataset
-    faces = [dim for dim in _FACES if dataset[u].sizes.get(dim, 1) > 1]
-    if faces:
-        raise file.error(
-            u,
-            f"on {dataset[u].sizes[faces[0]]} faces ({faces[0]}), each with axes of its own; take "
-            f"one face, dataset.isel({faces[0]}=0), or a product on longitudes and latitudes (of "
-            "ECCO those of half a degree, with EVEL and NVEL)",
-        )
-    across = {dim: _CENTRES[str(dim)] for dim in dataset[u].dims if dim in _CENTRES}
-    along = {dim: _CENTRES[str(dim)] for dim in dataset[v].dims if dim in _CENTRES}
-    if len(across) != 1 or len(along) != 1:
+    for dim in ("tile", "face"):
+        if (faces := dataset[u].sizes.get(dim, 1)) > 1:
+            raise file.error(
+                u,
+                f"on {faces} faces ({dim}), each with axes of its own; take one face, "
+                f"dataset.isel({dim}=0), or a product on longitudes and latitudes (of ECCO those "
+                "of half a degree, with EVEL and NVEL)",
+            )
+    sides = [[str(dim) for dim in dataset[name].dims if dim in _CENTRES] for name in (u, v)]
+    if list(map(len, sides)) != [1, 1]:
         return file
-    [(x_side, x)], [(y_side, y)] = across.items(), along.items()
+    [x_side], [y_side] = sides
+    x, y = _CENTRES[x_side], _CENTRES[y_side]
     if not {x, y} <= set(dataset.dims):
         raise file.error(u, f"on the sides of cells, whose centres ({x}, {y}) are in another file; "
                          "name it with grid (--grid FILE)")  # fmt: skip
@@ -60,21 +60,16 @@ def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
         str(name): placed(dataset[name]) for name in dataset.variables if name not in names
     }
     for name, known in _POSITIONS.items():
-        position = next((axis for axis in known if axis in dataset.variables), None)
-        if position is None or str(dataset[position].attrs.get("units", "")).lower().startswith(
-            "m"
-        ):
+        position = next((dataset[axis] for axis in known if axis in dataset.variables), None)
+        if position is None or str(position.attrs.get("units", "")).lower().startswith("m"):
             raise file.error(
                 u, "expected longitudes and latitudes of its cells (XC, YC) in degrees; if another "
                 "file has them, name it with grid (--grid FILE)",
             )  # fmt: skip
-        variables[name] = placed(dataset[position])
-    for name, mask in {"mask_rho": "wet", "mask_u": "wet_u", "mask_v": "wet_v"}.items():
-        if mask in dataset.variables:
-            variables[name] = placed(dataset[mask])
-    for name, letter in _MASKS.items():
-        for prefix in ("mask", "hFac"):
-            if (open_share := f"{prefix}{letter}") in dataset.variables:
-                array = dataset[open_share]
+        variables[name] = placed(position)
+    for name, masks in _MASKS.items():
+        for mask in masks:
+            if mask in dataset.variables:
+                array = dataset[mask]
                 variables.setdefault(name, placed(array.copy(data=file.read(array) > 0)))
     return dataclasses.replace(file, dataset=xr.Dataset(variables))

@@ -36,8 +36,7 @@ def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
         raise file.error(
             u,
             "on the sides of the cells of NEMO's grid, whose centres (glamt, gphit) are in another "
-            "file; name mesh_mask.nc, domain_cfg.nc or coordinates.nc "
-            "with grid (--grid FILE)",
+            "file; name mesh_mask.nc, domain_cfg.nc or coordinates.nc with grid (--grid FILE)",
         )
     placed = {}
     for name, point in {**_OF_THE_MESH, u: "u", v: "v"}.items():
@@ -87,16 +86,12 @@ def _at_levels(file: OceanFile, array: xr.DataArray, dim: str, depth: str | None
         return array.isel({dim: 0}, drop=True)
     if array.sizes[dim] == file.dataset.sizes[depth]:
         return array.rename({dim: depth})
-    variables = file.dataset.variables
-    known = next(
-        (name for name in _LEVELS if name in variables and dim in variables[name].dims), ""
-    )
-    wanted = file.read(file.dataset[depth])
-    levels = file.read(file.dataset[known]) if known else np.zeros(0)
-    places = np.abs(levels - wanted[:, None]).argmin(axis=1) if levels.ndim == 1 and known else None
-    if places is None or (np.abs(levels[places] - wanted) > 0.01 * wanted + 0.01).any():
-        raise file.error(
-            str(array.name),
-            f"expected the {wanted.size} levels of {depth}, got {array.sizes[dim]} ({dim})",
-        )
-    return array.isel({dim: places}).rename({dim: depth})
+    wanted, variables = file.read(file.dataset[depth]), file.dataset.variables
+    for name in _LEVELS:
+        if name in variables and variables[name].dims == (dim,):
+            levels = file.read(file.dataset[name])
+            places = np.abs(levels - wanted[:, None]).argmin(axis=1)
+            if (np.abs(levels[places] - wanted) <= 0.01 * wanted + 0.01).all():
+                return array.isel({dim: places}).rename({dim: depth})
+    why = f"expected the {wanted.size} levels of {depth}, got {array.sizes[dim]} ({dim})"
+    raise file.error(str(array.name), why)

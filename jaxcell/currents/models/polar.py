@@ -24,17 +24,13 @@ def on_components(file: OceanFile, variables: Sequence[str] | None) -> OceanFile
         speed = next((name for name in names if name != direction), None)
     if speed is None or direction is None:
         return file
-    angle = file.read(dataset[direction])
-    if not str(dataset[direction].attrs.get("units", "")).lower().startswith("rad"):
+    angle, about = file.read(dataset[direction]), dataset[direction].attrs
+    if not str(about.get("units", "")).lower().startswith("rad"):
         angle = np.radians(angle)
-    about = dataset[direction].attrs
     comes = "from" in f"{about.get('standard_name')} {about.get('long_name')}".lower()
-    components = {
-        name: dataset[speed].variable.copy(
-            data=(-1 if comes else 1) * file.read(dataset[speed]) * turn
-        )
-        for name, turn in zip(NAMES, (np.sin(angle), np.cos(angle)), strict=True)
-    }
-    for name, variable in components.items():
-        variable.attrs["standard_name"] = f"{name}_sea_water_velocity"
+    away = (-1 if comes else 1) * file.read(dataset[speed])
+    components = {}
+    for name, turn in zip(NAMES, (np.sin(angle), np.cos(angle)), strict=True):
+        components[name] = dataset[speed].variable.copy(data=away * turn)
+        components[name].attrs["standard_name"] = f"{name}_sea_water_velocity"
     return dataclasses.replace(file, dataset=dataset.assign(components))

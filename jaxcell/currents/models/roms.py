@@ -99,16 +99,15 @@ def read_s_levels(file: OceanFile, dim: str) -> tuple[SLevels, str]:
     transform, why = _transform(file, dim)
     terms = formula_terms(file, dim)
     s = _levels(file, dim, (dim, "s_rho", "sc_r"))
+    places = np.argsort(s)
     if transform == 0:  # the levels are shares of the depth
-        places = np.argsort(s)
         return SLevels(s[places], s[places], 0.0, 2, places), why
     stretching = _levels(file, dim, (terms.get("C", "Cs_r"), "Cs_r", "Cs_rho"))
     critical_depth = _read(file, (terms.get("depth_c", "hc"), "hc"))
     if not (critical_depth.size == 1 and 0 <= critical_depth[0] < np.inf):
         raise file.error("hc", f"expected metres, 0 or more, got {critical_depth}")
-    places = np.argsort(s)
-    levels = SLevels(s[places], stretching[places], float(critical_depth[0]), transform, places)
-    return levels, why
+    depth = float(critical_depth[0])
+    return SLevels(s[places], stretching[places], depth, transform, places), why
 
 
 def formula_terms(file: OceanFile, dim: str | None) -> dict[str, str]:
@@ -137,10 +136,8 @@ def at_height(values: _Levels, heights: _Levels, wanted: _Cells) -> _Cells:
 
 def _levels(file: OceanFile, dim: str, names: tuple[str, ...]) -> Float[np.ndarray, " levels"]:
     values = _read(file, names)
-    if len(values) != file.dataset.sizes[dim]:
-        raise file.error(
-            names[0], f"expected {file.dataset.sizes[dim]} levels ({dim}), got {len(values)}"
-        )
+    if len(values) != (size := file.dataset.sizes[dim]):
+        raise file.error(names[0], f"expected {size} levels ({dim}), got {len(values)}")
     steps = np.diff(values)
     # In packed files -1 and 0 are rounded.
     ordered = (steps > 0).all() or (steps < 0).all()

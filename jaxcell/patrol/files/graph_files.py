@@ -36,13 +36,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...base.bundled import with_path
-from ...base.documents import (
-    MAX_NUMBER,
-    Fields,
-    checked_number,
-    checked_pair,
-    refused,
-)
+from ...base.documents import MAX_NUMBER, Fields, checked_number, checked_pair, refused
 from ...base.doubts import Doubt, warn
 from ...optimize import Graph
 from ...optimize.geographic import degrees, great_circles, in_metres
@@ -106,7 +100,7 @@ def load_graph(
     path = Path(with_path(os.fspath(path)))
     vertices, edges, directed = parsed(path, weight)
     with about_file(path):
-        _, _, places, lengths = parts = _checked_parts(vertices, edges)
+        _, _, places, lengths = parts = checked_parts(vertices, edges)
         doubt_attributes(str(path), edges, places is not None, bool(directed))
         ways = _simple_ways(*parts, directed)
         for omitted in ways.omitted:
@@ -162,7 +156,7 @@ def load_ways(
         name = with_path(os.fspath(path))
         vertices, edges, one_way = parsed(Path(name), weight)
     with about_file(Path(name)):
-        parts = _checked_parts(vertices, edges)
+        parts = checked_parts(vertices, edges)
         doubt_attributes(name, edges, parts[2] is not None, directed or bool(one_way))
         return _simple_ways(*parts, one_way or "directed" * directed)
 
@@ -176,24 +170,6 @@ def _check_metres(xy: Float[np.ndarray, "vertices 2"], lengths: Float[np.ndarray
             "y are degrees, name them lon and lat, or set crs of the graph to EPSG:4326; "
             "otherwise give the edges their lengths in metres"
         )
-
-
-def checked_graph(vertices: list[Vertex], edges: list[Edge]) -> tuple[Graph, tuple[str, ...]]:
-    """Check the vertices and edges of a file, and return the graph with the names of vertices."""
-    numbers, pairs, places, lengths = _checked_parts(vertices, edges)
-    before: dict[tuple[int, int], str] = {}
-    for field, *ends in (edge[:3] for edge in edges):
-        tail, head = sorted(numbers[str(name)] for name in ends)
-        joined = " and ".join(map(reprlib.repr, ends))
-        if tail == head:
-            raise ValueError(f"{field}: it is a loop, which joins {joined}; expected two vertices")
-        if (tail, head) in before:
-            first = before[tail, head]
-            raise ValueError(
-                f"{field}: it joins {joined}, as {first} does; expected no parallel edges"
-            )
-        before[tail, head] = field
-    return Graph(pairs, len(numbers), places, lengths), tuple(numbers)
 
 
 def _simple_ways(
@@ -232,7 +208,7 @@ def about_omitted(loops: int, parallel: int) -> tuple[str, ...]:
     )
 
 
-def _checked_parts(
+def checked_parts(
     vertices: list[Vertex], edges: list[Edge]
 ) -> tuple[
     dict[str, int],

@@ -168,23 +168,16 @@ def _parse_json(weight: str, text: str) -> Parts:
     key = "edges" if "edges" in document else "links"
     fields, about = Fields(document), document.get("graph")
     crs = about.get("crs") if isinstance(about, dict) else None
-    return (
-        [
-            Vertex(f"nodes[{i}]", node.needed("id"), positioned(node.values, crs))
-            for i, node in enumerate(fields.parts("nodes"))
-        ],
-        [
-            Edge(
-                f"{key}[{i}]",
-                edge.needed("source"),
-                edge.needed("target"),
-                edge.get(weight),
-                {name: edge.values[name] for name in edge.values.keys() - _ENDS},
-            )
-            for i, edge in enumerate(fields.parts(key))
-        ],
-        "directed" if document.get("directed") else "",
-    )
+    vertices = [
+        Vertex(f"nodes[{i}]", node.needed("id"), positioned(node.values, crs))
+        for i, node in enumerate(fields.parts("nodes"))
+    ]
+    edges = []
+    for i, edge in enumerate(fields.parts(key)):
+        about = {name: edge.values[name] for name in edge.values.keys() - _ENDS}
+        ends = edge.needed("source"), edge.needed("target")
+        edges.append(Edge(f"{key}[{i}]", *ends, edge.get(weight), about))
+    return vertices, edges, "directed" if document.get("directed") else ""
 
 
 def _parse_networkx(suffix: str, weight: str, text: str) -> Parts:
@@ -219,24 +212,15 @@ def of_networkx(graph: Any, weight: str = "length") -> Parts:
             return [plain(each) for each in value]
         return value.item() if isinstance(value, np.generic) else value
 
-    crs = graph.graph.get("crs")
-    return (
-        [
-            Vertex(
-                f"node {name!r}",
-                str(name),
-                positioned({key: plain(value) for key, value in members.items()}, crs),
-            )
-            for name, members in graph.nodes(data=True)
-        ],
-        [
-            Edge(
-                f"edge {tail!r} to {head!r}", str(tail), str(head), plain(known.get(weight)), known
-            )
-            for tail, head, known in graph.edges(data=True)
-        ],
-        "directed" if graph.is_directed() else "",
-    )
+    crs, vertices = graph.graph.get("crs"), []
+    for name, members in graph.nodes(data=True):
+        about = positioned({key: plain(value) for key, value in members.items()}, crs)
+        vertices.append(Vertex(f"node {name!r}", str(name), about))
+    edges = [
+        Edge(f"edge {tail!r} to {head!r}", str(tail), str(head), plain(known.get(weight)), known)
+        for tail, head, known in graph.edges(data=True)
+    ]
+    return vertices, edges, "directed" if graph.is_directed() else ""
 
 
 def _parse_simulator(text: str) -> Parts:

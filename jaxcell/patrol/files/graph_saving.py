@@ -7,7 +7,7 @@ from typing import Any
 from ...base.paths import replacing
 from ...optimize import Graph
 from ..team.times import names_of
-from .graph_files import checked_graph
+from .graph_files import checked_parts
 from .graph_formats import LIST_SUFFIXES, SUFFIXES, Edge, Vertex
 
 
@@ -44,7 +44,7 @@ def save_graph(
             for edge, length in zip(edges, graph.ways.tolist(), strict=True):
                 edge["length"] = length
         # The check raises an error for a graph that could not be read from its file.
-        checked_graph(
+        checked_parts(
             [Vertex(f"names[{v}]", node["id"], node) for v, node in enumerate(nodes)],
             [Edge(f"edges[{e}]", *edge.values()) for e, edge in enumerate(edges)],
         )
