@@ -4,7 +4,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import jax
 import numpy as np
@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..base.shown import Shown
 from ..currents.sphere import wrapped
-from ..mapping import Chain, ChainSequence
+from ..mapping import Chain
 from ..mapping.sequence import push_on_host
 from .advection import drifted, longest_step
 from .beaches import beaching, coast
@@ -22,7 +22,7 @@ from .drift_step import METHODS
 from .flow import Flow
 from .maps import drift_map, refined
 from .positions import in_degrees, on_the_grid
-from .regions import TURNS
+from .regions import TURNS, within
 from .water import Water, square
 
 
@@ -32,6 +32,37 @@ _TICK, DAY = 3600.0, 86_400.0
 _PARTS = (0.25, 0.5, 0.75, 1.0)
 # The number of draws after which no water is found within polygons.
 _TRIES = 200
+
+
+Area: TypeAlias = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""A function that marks the points, in columns and rows of the grid, that are in an area."""
+
+
+def area_around(water: Water, place: tuple[float, float], radius: float | None = None) -> Area:
+    """Return the disc around a place in degrees, or without a radius a square as large as a cell.
+
+    **Raises:** `ValueError` if the place is not in the water.
+    """
+    cell = water.cell(*place)
+    middle = on_the_grid(water, *np.array(place, float)[:, None])[0].T
+    side = water.sides[:, [cell]]
+
+    def inside(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        off = np.stack([x, y]) - middle
+        if water.wraps:
+            turn = water.number.shape[1]
+            off[0] = (off[0] + turn / 2) % turn - turn / 2
+        if radius is None:
+            return (np.abs(off) <= 0.5).all(axis=0)
+        return np.hypot(*(off * side)) <= radius
+
+    return inside
+
+
+def area_of(water: Water, polygons: np.ndarray) -> Area:
+    """Return the area of polygons in degrees."""
+    whole = shapely.union_all(polygons)
+    return lambda x, y: within(whole, *in_degrees(water, x, y))
 
 
 def points_around(
@@ -52,17 +83,14 @@ def points_around(
 
     **Raises:** `ValueError` if the place is not in the water.
     """
-    cell = water.cell(*place)
+    cell, inside = water.cell(*place), area_around(water, place, radius)
     middle = on_the_grid(water, *np.array(place, float)[:, None])[0].T
-    side = water.sides[:, [cell]]
+    width = 1.0 if radius is None else 2 * radius / water.sides[:, [cell]]
     kept = np.zeros((2, 0))
     while kept.shape[1] < count:
-        off = random.uniform(-0.5, 0.5, (2, count))
-        if radius is not None:
-            off = 2 * radius * off[:, np.hypot(*off) <= 0.5] / side
-        points = middle + off
+        points = middle + width * random.uniform(-0.5, 0.5, (2, count))
         at, _ = water.at(*square(*points))
-        wet = (at >= 0) & (water.piece[at] == water.piece[cell])
+        wet = (at >= 0) & (water.piece[at] == water.piece[cell]) & inside(*points)
         kept = np.concatenate([kept, points[:, wet]], axis=1)
     return kept[:, :count]
 
@@ -187,10 +215,30 @@ def release_drifters(
     - `seed`: the seed of diffusion and of beaching.
     - `say`: a function that is called with the progress.
     """
+    tick = tick_of(water, flow)
+    looks = follow_drifters(water, flow, points, start, times, tick=tick, afloat=afloat, **options)
+    return met_in(water, looks, times, regions, water.coast == "strand" or np.isfinite(afloat))
+
+
+def tick_of(water: Water, flow: Flow) -> float:
+    """Return the longest time in seconds between two looks at which arrivals are seen."""
     tick = min(_TICK, longest_step(water, flow))
     if flow.diffusivity:
         tick = min(tick, float(water.sides.min()) ** 2 / (32 * flow.diffusivity))
-    looks = follow_drifters(water, flow, points, start, times, tick=tick, afloat=afloat, **options)
+    return tick
+
+
+def met_in(
+    water: Water,
+    looks: Iterator[Look],
+    times: Sequence[float],
+    regions: Sequence[shapely.Geometry] | np.ndarray,
+    strands: bool | np.bool_,
+) -> Release:
+    """Keep where drifters are at some times and when they first arrive, from looks at them.
+
+    If drifters strand, the shore of a drifter is the cell where it has stranded at the end.
+    """
     first, at_coast = next(looks), np.append(coast(water), False)
     shapely.prepare(regions)
     reached, last, kept = np.full((len(regions) + 1, first.cell.size), np.inf), first, []
@@ -208,10 +256,10 @@ def release_drifters(
             cell = look.cell if part == 1 else water.at(*square(x, y))[0]
             ashore = (shore < 0) & at_coast[cell]
             shore[ashore], reached[-1, ashore] = cell[ashore], last.seconds + part * length
-        if look.seconds in times:
+        if np.isclose(look.seconds, times, rtol=1e-9).any():
             kept.append(look)
         last = look
-    if water.coast == "strand" or np.isfinite(afloat):
+    if strands:
         shore = np.where(look.stranded, look.cell, -1)
     _, x, y, cell, stranded = map(np.stack, zip(*kept, strict=True))
     return Release(x, y, cell, stranded, reached, shore)
@@ -272,24 +320,53 @@ def push_release(
     water: Water,
     flow: Flow,
     share: Float[np.ndarray, "cells"],
-    start: float,
+    starts: Sequence[float],
     times: Sequence[float],
     halves: dict[str, float],
 ) -> Float[np.ndarray, "times cells"]:
-    """Push a release through a map of cells from each time to the next."""
-    pushed, cell = [], np.zeros(0, int)
-    longest, at_coast = longest_step(water, flow), coast(water)
-    strands = np.isfinite(halves["afloat"])
-    if strands:
-        cell = np.flatnonzero(at_coast)
-        share = np.append(share, np.zeros(cell.size))
-    for begin, end in itertools.pairwise([0.0, *times]):
-        length = end - begin
-        step = refined(METHODS["drifters"], length, length / longest)
-        chain: Chain | ChainSequence = drift_map(water, flow, step, start=start + begin)
-        if strands:
-            chain, cell = beaching(chain, at_coast, length, **halves)
-        share = push_on_host(chain, share, 1)
-        pushed.append(share[: water.cells] + np.bincount(
-            cell, share[water.cells :], water.cells))  # fmt: skip
-    return np.stack(pushed)
+    """Push a release through a map of cells from each time to the next; mean over its starts."""
+    steps = sorted(
+        (start + begin, start + end, time, release)
+        for release, start in enumerate(starts)
+        for time, (begin, end) in enumerate(itertools.pairwise([0.0, *times]))
+    )
+    pushed, shares = np.zeros((len(times), water.cells)), dict.fromkeys(range(len(starts)), share)
+    for (begin, end), releases in itertools.groupby(steps, key=lambda step: step[:2]):
+        chain, cell = chain_between(water, flow, begin, end, halves)
+        for *_, time, release in releases:
+            before = shares[release]
+            before = np.append(before, np.zeros(chain.cells - before.size))
+            shares[release] = push_on_host(chain, before, 1)
+            pushed[time] += on_cells(water, shares[release], cell) / len(starts)
+    return pushed
+
+
+def chain_between(
+    water: Water, flow: Flow, begin: float, end: float, halves: dict[str, float]
+) -> tuple[Chain, Int[np.ndarray, "beaches"]]:
+    """Map cells, and beaches if drifters strand, from one time to another.
+
+    Returns the chain, and the cell of each beach.
+    """
+    step = refined(METHODS["drifters"], end - begin, (end - begin) / longest_step(water, flow))
+    chain = drift_map(water, flow, step, start=begin)
+    if not np.isfinite(halves["afloat"]):
+        return chain, np.zeros(0, np.int32)
+    with_beaches: Any = beaching(chain, coast(water), end - begin, **halves)
+    return with_beaches
+
+
+def on_cells(
+    water: Water, share: Float[np.ndarray, "states"], cell: Int[np.ndarray, "beaches"]
+) -> Float[np.ndarray, "cells"]:
+    """Add what is on beaches to the cells of these beaches."""
+    return share[: water.cells] + np.bincount(cell, share[water.cells :], water.cells)
+
+
+def likely(share: Float[np.ndarray, "cells"], part: float) -> Bool[np.ndarray, "cells"]:
+    """Mark the fewest cells that together have a part of the drifters on the map."""
+    order = np.argsort(-share, kind="stable")
+    before = np.cumsum(share[order]) - share[order]
+    chosen = np.zeros(share.size, bool)
+    chosen[order] = (before < part * share.sum()) & (share[order] > 0)
+    return chosen

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from ...base.formatting import counted, in_time, percent
 from ...base.intervals import clopper_pearson
@@ -12,7 +12,8 @@ from ...base.quantities import derived, quantity
 from ...currents.sphere import distances, on_sphere
 from ..flow import Flow
 from ..positions import in_degrees
-from ..released_drifters import Release, push_release, release_drifters
+from ..released_drifters import Area, Release, likely, push_release, release_drifters
+from ..sources import find_sources
 from ..validation.simulated_drifters import total_variation
 from ..water import Water, square
 from .on_map import InOneLayer
@@ -28,6 +29,7 @@ _CLOSE = 0.1
 _at = functools.partial(derived, "time")
 _on_map = functools.partial(derived, "time y x", units="1", kind="share", padding=_DRY)
 _of_region = functools.partial(derived, "region")
+_of_start = functools.partial(derived, "start")
 _of_stretch = functools.partial(derived, "stretch")
 
 
@@ -53,12 +55,14 @@ class Released(InOneLayer):
         "time": "times",
         "region": "arrivals",
         "stretch": "coast",
+        "start": "starts",
     }
     brief: ClassVar[tuple[str, ...]] = ("released", "precision", "region", "stretch")
 
     water: Water
     hours: Annotated[
-        Float[np.ndarray, "times"], quantity("time", "time after the release", "h", kind="time")
+        Float[np.ndarray, "times"],
+        quantity("time", "time after the release, or before the find", "h", kind="time"),
     ]
     names: Annotated[np.ndarray, quantity("region", "place of arrival", kind="text")]
     drifters: Release
@@ -66,9 +70,16 @@ class Released(InOneLayer):
     by_chain: Float[np.ndarray, "times cells"]
     "The share in each cell by the chain of cells, whose steps are from time to time."
     place: tuple[float, float]
-    "Longitude and latitude of the mean of the release."
+    "Longitude and latitude of the mean of the release, or of the find."
+    starts: Float[np.ndarray, "starts"] = dataclasses.field(default_factory=lambda: np.zeros(1))
+    "The hours from the first release to each; each has as many of the drifters, one after another."
+    tried: Annotated[
+        int | None, quantity("", "drifters released in all the water", kind="count")
+    ] = None
+    """The number of drifters that were released in all the water, of which `drifters` were found at
+    a place, if times run back from there; `None` for a release."""
     on: np.datetime64 | None = None
-    "The time of the release."
+    "The time of the first release, or of the find."
     around: str = "in the given points"
     "The place of the release, in words."
     source: str = ""
@@ -85,7 +96,7 @@ class Released(InOneLayer):
         points: Float[np.ndarray, "2 drifters"],
         times: Sequence[float],
         *,
-        start: float = 0.0,
+        starts: Sequence[float] = (0.0,),
         regions: tuple[np.ndarray, np.ndarray] | None = None,
         afloat: float = np.inf,
         stranded: float = np.inf,
@@ -98,28 +109,67 @@ class Released(InOneLayer):
         **Arguments:**
 
         - `water`, `flow`: the cells, and the flow of the same layer at all records.
-        - `points`: the columns and rows of the grid at which drifters are released.
+        - `points`: the columns and rows of the grid at which drifters are released; the number of
+            starts divides their number, and each start has the next part of them.
         - `times`: the times of the answer after the release, in seconds, ascending.
-        - `start`: the time of the release, in seconds as in `Flow.time`.
+        - `starts`: the times of the release, in seconds as in `Flow.time`.
         - `regions`: names, and polygons of shapely in degrees, to arrive at, beside the coast.
         - `afloat`, `stranded`: half-lives in seconds at a coast and on a beach, as for
             [`jaxcell.drift.beaching`][]; by default drifters do not strand.
         - `seed`, `say`: the seed of diffusion, and a function that is called with the progress.
         - further keywords: fields of the result.
         """
-        names, polygons = (np.zeros(0, str), np.zeros(0, object)) if regions is None else regions
-        halves = {"afloat": afloat, "stranded": stranded}
-        drifters = release_drifters(
-            water, flow, points, start, times, polygons, seed=seed, say=say, **halves
-        )
+        names, polygons = _named(regions)
+        halves, parts = {"afloat": afloat, "stranded": stranded}, []
+        for number, start in enumerate(starts):
+            one = say if len(starts) == 1 else lambda *_: None
+            say(f"following drifters of {counted(len(starts), 'release')}", number, len(starts))
+            part, more = np.split(points, len(starts), axis=1)[number], {"seed": seed + number}
+            parts.append(
+                release_drifters(
+                    water, flow, part, start, times, polygons, say=one, **more, **halves
+                )
+            )
         begin, _ = water.at(*square(*points))
         share = np.bincount(begin, minlength=water.cells) / begin.size
         say("mapping the release on cells")
-        by_chain = push_release(water, flow, share, start, times, halves)
+        by_chain = push_release(water, flow, share, starts, times, halves)
         hours = np.array(times, float) / 3600
-        place = water.centre(share)
-        names = np.array([*names, "a square at the coast"])
-        return cls(water, hours, names, drifters, by_chain, place, **about)
+        about["starts"] = (np.array(starts, float) - starts[0]) / 3600
+        return cls(water, hours, names, _joined(parts), by_chain, water.centre(share), **about)
+
+    @classmethod
+    def back_from(
+        cls,
+        water: Water,
+        flow: Flow,
+        found: Area,
+        points: Float[np.ndarray, "2 points"],
+        times: Sequence[float],
+        *,
+        end: float,
+        regions: tuple[np.ndarray, np.ndarray] | None = None,
+        afloat: float = np.inf,
+        stranded: float = np.inf,
+        seed: int = 0,
+        say: Callable[..., None] = lambda *_: None,
+        **about: Any,
+    ) -> "Released":
+        """Find where drifters were that are found at a place, if they may come from all the water.
+
+        **Arguments:** those of `of`, with the place as a function of columns and rows (`found`),
+        points in it, as many as are to be found, and the time of the find (`end`). `times` are
+        before it.
+        """
+        names, polygons = _named(regions)
+        drifters, by_chain, tried = find_sources(
+            water, flow, found, points, end, times, polygons, count=points.shape[1],
+            halves={"afloat": afloat, "stranded": stranded}, seed=seed, say=say,
+        )  # fmt: skip
+        begin, _ = water.at(*square(*points))
+        place = water.centre(np.bincount(begin, minlength=water.cells) / begin.size)
+        hours = np.array(times, float) / 3600
+        return cls(water, hours, names, drifters, by_chain, place, tried=tried, **about)
 
     @derived("", "drifters that were simulated", kind="count")
     def released(self) -> int:
@@ -131,9 +181,10 @@ class Released(InOneLayer):
 
     @_at("date (UTC)", kind="text")
     def date(self) -> np.ndarray | None:
-        if self.on is None:
+        if self.on is None or self.starts.size > 1:
             return None
-        after = np.round(self.hours * 3600).astype("timedelta64[s]")
+        after = np.round(self.hours * 3600 * (1 if self.tried is None else -1))
+        after = after.astype("timedelta64[s]")
         return np.datetime_as_string(self.on.astype("datetime64[s]") + after, unit="m")
 
     centre_lon = _at("mean longitude of drifters on the map", "degrees_east")(
@@ -190,7 +241,7 @@ class Released(InOneLayer):
     arrival_high = _of_region("1 in 40 above", "1", kind="share")(
         lambda found: clopper_pearson(found._arrived, found.released)[1]
     )
-    arrival_begin = _of_region("of this, released there", "1", kind="share")(
+    arrival_begin = _of_region("of this, released or found there", "1", kind="share")(
         lambda found: (found.drifters.reached == 0).mean(axis=1)
     )
     arrival_first = _of_region("time until a tenth of those that come later are there", "h")(
@@ -202,6 +253,26 @@ class Released(InOneLayer):
     arrival_last = _of_region("time until nine tenths of them are there", "h")(
         lambda found: found._arrival_hours[:, 2]
     )
+
+    @_of_start("date (UTC)", kind="text")
+    def start_date(self) -> np.ndarray | None:
+        if self.on is None or self.starts.size == 1:
+            return None
+        after = np.round(self.starts * 3600).astype("timedelta64[s]")
+        return np.datetime_as_string(self.on.astype("datetime64[s]") + after, unit="m")
+
+    start_lon = _of_start("mean longitude at the end of drifters on the map", "degrees_east")(
+        lambda found: found._by_start[0]
+    )
+    start_lat = _of_start("mean latitude", "degrees_north")(lambda found: found._by_start[1])
+
+    @derived("start region", "probability of an arrival, by release", "1", kind="share")
+    def start_arrival(self) -> Float[np.ndarray, "starts regions"] | None:
+        if self.starts.size == 1:
+            return None
+        arrived = np.isfinite(self.drifters.reached)
+        return np.stack([part.mean(axis=1) for part in np.split(arrived, self.starts.size, axis=1)])
+
     stretch_lon = _of_stretch("mean longitude of a stretch of coast", "degrees_east")(
         lambda found: found._stretches[0]
     )
@@ -230,35 +301,47 @@ class Released(InOneLayer):
 
     @property
     def _where(self) -> str:
-        released = "" if self.on is None else f" on {name_day(self.on)}"
+        on = "" if self.on is None else f" on {name_day(self.on)}"
         then = "" if self.date is None else f" ({self.date[-1].replace('T', ' ')})"
-        begin = f"Released{released} {self.around}: after {in_time(self.hours[-1])}{then}"
+        time, more = in_time(self.hours[-1]), self.starts.size - 1
+        if self.tried is not None:
+            begin = f"Found{on} {self.around}: {time} before{then} the mean place was"
+        else:
+            also = "" if not more else f" and {counted(more, 'time')} more, to the last after "
+            also += in_time(self.starts[-1]) if more else ""
+            begin = f"Released{on}{also} {self.around}: after {time}{then} the mean is"
         gone = f"{percent(self.left[-1])} have left the map"
         if self.drifters.stranded.any():
             gone = f"{percent(self.ashore[-1])} are stranded, {gone}"
         if np.isnan(self.centre_lon[-1]):
-            return f"{begin} no drifter is on the map."
+            return f"{begin} nowhere: no drifter is on the map."
         place = name_place(self.centre_lon[-1], self.centre_lat[-1])
-        cells = int(self.likely_cells[-1])
+        end = f"; {gone}." if self.tried is None else "."
         return (
-            f"{begin} the mean is {place}, the spread {name_length(self.spread[-1])}; 90 % are "
-            f"within {name_length(self.radius[-1])} of it, and in {counted(cells, 'cell')}; {gone}."
+            f"{begin} {place}, the spread {name_length(self.spread[-1])}; 90 % are within "
+            f"{name_length(self.radius[-1])} of it, and in "
+            f"{counted(int(self.likely_cells[-1]), 'cell')}{end}"
         )
 
     @property
     def _arrivals(self) -> list[str]:
         lines, side = [], np.sqrt(self.water.sides.prod(axis=0)).mean() / 1000
+        are, begin, come = "are", "release", "come later a tenth within"
+        if self.tried is not None:
+            are, begin, come = "were", "find", "were there earlier a tenth within"
         for row, name in enumerate(self.names.tolist()):
             limits = f"{percent(self.arrival_low[row])} to {percent(self.arrival_high[row])}"
-            text = f"{percent(self.arrival[row])} ({limits}) are at some time in {name}"
+            text = f"{percent(self.arrival[row])} ({limits}) {are} at some time in {name}"
             if row == len(self.names) - 1:
                 text += f" ({name_length(side)})"
             if self.arrival_begin[row]:
-                text += f", {percent(self.arrival_begin[row])} at the release"
+                text += f", {percent(self.arrival_begin[row])} at the {begin}"
             if not np.isnan(self._arrival_hours[row, 0]):
                 first, half, last = map(in_time, self._arrival_hours[row].tolist())
-                text += f"; of those that come later a tenth within {first}, half {half}, "
-                text += f"nine tenths {last}"
+                text += f"; of those that {come} {first}, half {half}, nine tenths {last}"
+            if self.start_arrival is not None:
+                by_start = self.start_arrival[:, row]
+                text += f"; by release from {percent(by_start.min())} to {percent(by_start.max())}"
             lines.append(text)
         if self.stretch_share.size:
             place = name_place(self.stretch_lon[0], self.stretch_lat[0])
@@ -271,11 +354,15 @@ class Released(InOneLayer):
         apart, use = self.chain_distance[-1], "may not be used for this release"
         if apart <= _CLOSE + self.chain_noise[-1]:
             use = "may be used"
+        of, given = f"{self.released:,} drifters give", "in this current without its errors"
+        if self.tried is not None:
+            of = f"{self.released:,} drifters that were found, of {self.tried:,}, give"
+            given = f"if it may come from anywhere in the water of the map alike, {given}"
         return (
-            f"How sure: {self.released:,} drifters give each probability to "
-            f"{percent(self.precision)}, in this current without its errors. The chain of cells "
-            f"has {percent(apart)} in a wrong cell (by chance {percent(self.chain_noise[-1])}) "
-            f"and a spread of {name_length(self.chain_spread[-1])}: it {use}."
+            f"How sure: {of} each probability to {percent(self.precision)}, {given}. The chain of "
+            f"cells has {percent(apart)} in a wrong cell (by chance "
+            f"{percent(self.chain_noise[-1])}) and a spread of "
+            f"{name_length(self.chain_spread[-1])}: it {use}."
         )
 
     def _on_map(self, shares: Float[np.ndarray, "times cells"]) -> np.ndarray:
@@ -296,6 +383,16 @@ class Released(InOneLayer):
             if place.size:
                 x, y, z = place.mean(axis=1)
                 lon[time], lat[time] = np.degrees([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))])
+        return lon, lat
+
+    @functools.cached_property
+    def _by_start(self) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """The mean positions of the drifters of each start at the end."""
+        if self.starts.size == 1:
+            return None, None
+        parts = np.split(self.drifters.cell[-1:], self.starts.size, axis=1)
+        centres = [self.water.centre(_shares(part, self.water.cells)[0]) for part in parts]
+        lon, lat = np.array(centres).T
         return lon, lat
 
     @property
@@ -338,13 +435,16 @@ class Released(InOneLayer):
         return np.array(sorted(rows, key=lambda row: -row[2])).reshape(-1, 3).T
 
 
-def likely(share: Float[np.ndarray, "cells"], part: float) -> Bool[np.ndarray, "cells"]:
-    """Mark the fewest cells that together have a part of the drifters on the map."""
-    order = np.argsort(-share, kind="stable")
-    before = np.cumsum(share[order]) - share[order]
-    chosen = np.zeros(share.size, bool)
-    chosen[order] = (before < part * share.sum()) & (share[order] > 0)
-    return chosen
+def _named(regions: tuple[np.ndarray, np.ndarray] | None) -> tuple[np.ndarray, np.ndarray]:
+    """Return the names of places of arrival, of which the coast is the last, and the polygons."""
+    names, polygons = (np.zeros(0, str), np.zeros(0, object)) if regions is None else regions
+    return np.array([*names, "a square at the coast"]), polygons
+
+
+def _joined(parts: Sequence[Release]) -> Release:
+    """Join the drifters of several releases."""
+    names = [field.name for field in dataclasses.fields(Release)]
+    return Release(*(np.concatenate([getattr(p, name) for p in parts], axis=-1) for name in names))
 
 
 def _shares(

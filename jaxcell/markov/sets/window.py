@@ -210,9 +210,13 @@ def _iterated(
     basis, rest = _real_basis(*leading(count, fine), count), -np.inf
     for _ in range(count):
         least = np.linalg.eigvals(basis.T @ product(basis)).real.min() + _SAME
-        rest = leading(1, _ROUGH)[0].real.max()
         # Arnoldi's method may return fewer vectors than it was asked for.
-        if basis.shape[1] >= count and rest <= least:
+        found = basis.shape[1] >= count
+        # With an inverse no eigenvalue is above 1, and a search among many copies of 1 is slow.
+        if found and inverse is not None and least >= 1:
+            break
+        rest = leading(1, _ROUGH)[0].real.max()
+        if found and rest <= least:
             break
         together = np.hstack([basis, _real_basis(*leading(1, fine), 1)])
         inner = np.linalg.eig(together.T @ product(together))

@@ -7,7 +7,7 @@ import shapely
 from ...base.paths import replacing
 from ...drift import Released
 from ...drift.positions import in_degrees
-from ...drift.results.released import likely
+from ...drift.released_drifters import likely
 
 
 _PARTS = (0.5, 0.9)
@@ -19,7 +19,8 @@ def save_release(found: Released, path: str | os.PathLike[str]) -> None:
     """Write where the drifters of a release are, as polygons of GeoJSON (RFC 7946).
 
     A feature per time and part has the fewest cells that have half, or nine tenths, of the drifters
-    on the map; its properties are `hours` after the release, the `date`, and the `probability`.
+    on the map; its properties are `hours` after the release (negative: before the find), the
+    `date`, and the `probability`.
 
     **Arguments:**
 
@@ -39,6 +40,7 @@ def save_release(found: Released, path: str | os.PathLike[str]) -> None:
         '{"type": "FeatureCollection'
     """
     features, water = [], found.water
+    way = 1 if found.tried is None else -1
     dates = [None] * found.hours.size if found.date is None else found.date.tolist()
     for row, (hours, date) in enumerate(zip(found.hours.tolist(), dates, strict=True)):
         share = np.nan_to_num(found.share[row])[water.row, water.column]
@@ -50,7 +52,11 @@ def save_release(found: Released, path: str | os.PathLike[str]) -> None:
             )
             rings = np.stack(in_degrees(water, x, y), axis=-1).round(5)
             shape = shapely.union_all(shapely.polygons(rings))
-            properties = {"hours": hours, "date": date, "probability": float(share[chosen].sum())}
+            properties = {
+                "hours": way * hours,
+                "date": date,
+                "probability": float(share[chosen].sum()),
+            }
             geometry = shapely.geometry.mapping(shape)
             features.append({"type": "Feature", "geometry": geometry, "properties": properties})
     with replacing(path) as temporary:

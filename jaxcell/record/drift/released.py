@@ -30,7 +30,10 @@ def log_released(stream: rr.RecordingStream, found: Released, spec: Spec) -> Non
         kind = scale.levels(100 * share, {_NONE: share < _LEAST})
         views.append(map.view(title, [map.picture(name, scale.classes, kind, times=times)]))
     answer = "\n\n".join(found.answer)
-    text = f"""# Where drifters of one release are
+    title = "Where drifters of one release are"
+    if found.tried is not None:
+        title = "Where drifters come from: time runs back from the find"
+    text = f"""# {title}
 
 {answer}
 

@@ -31,7 +31,9 @@ def save_sea(found: Dropped | Released, path: str | os.PathLike[str]) -> None:
     """
     figure = import_module("matplotlib.figure").Figure((9, 8), layout="constrained")
     ax = plot(found, ax=figure.add_subplot())
-    marks = [(found.place, "*", ROBOT, "release")] if isinstance(found, Released) else []
+    marks = []
+    if isinstance(found, Released):
+        marks = [(found.place, "*", ROBOT, "release" if found.tried is None else "find")]
     if isinstance(found, Dropped):
         x, y = found.tracks.x, found.tracks.y
         begin = np.stack([found.water.column, found.water.row])[:, found.cell]

@@ -1,7 +1,7 @@
 import dataclasses
 import math
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import tyro
 
@@ -11,7 +11,11 @@ from ...base.optional_modules import has_module
 from ...base.paths import existing
 from ..parameters import Days, Duration, Headings, Length, Limit, Only
 from ..study import Say, about, numbers, silent
-from .sea_study import DAY, Source, WindowStudy
+from .sea_study import DAY, Source, WindowStudy, later
+
+
+if TYPE_CHECKING:
+    import numpy as np
 
 
 # The number of times of an answer for less than two days.
@@ -47,6 +51,12 @@ class Release(WindowStudy):
     radius: Length | None = None
     """Radius in metres of the disc around `start` in which drifters are released. By default it is
     a square of the size of a cell."""
+    every: Annotated[Days | None, Limit(gt=0), Only(backward=False)] = None
+    """Release drifters again and again, each of these days, through the period `on`, and follow
+    each release for `until` days: the answer is the mean over the releases."""
+    backward: bool = False
+    """Find where drifters come from that are found at `start` at the time `on`, `until` days
+    before."""
     at: tuple[Annotated[Days, Limit(gt=0)], ...] = ()
     """Times in days after the release at which to answer, at most `until`; by default each whole
     day, or eight times if `until` is less than two days."""
@@ -64,6 +74,12 @@ class Release(WindowStudy):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.backward and (self.on is None or self.period is not None):
+            raise ValueError(f"on: expected the time of the find, got {self.on}")
+        if self.backward and self.coast == "strand":
+            raise ValueError(
+                "coast: expected hold or slip with backward, and `beaching`, got strand"
+            )
         if any(time > self.days for time in self.at):
             raise ValueError(f"at: expected times up to {self.days:g} days, got {max(self.at):g}")
 
@@ -71,6 +87,28 @@ class Release(WindowStudy):
         super().check_files()
         if self._place is None:
             existing(Path(self.start))
+
+    def check_time(self) -> None:
+        if self.every is None:
+            super().check_time()
+        elif self.until is None or self.period is None:
+            raise ValueError("every: expected a month or a period as `on`, and `until`")
+
+    @property
+    def starts(self) -> list[float]:
+        """The days from the first release to each release."""
+        if self.every is None or self.period is None:
+            return [0.0]
+        import numpy as np
+
+        length = float((self.period[1] - self.period[0]) / np.timedelta64(1, "D"))
+        return [self.every * k for k in range(math.ceil(length / self.every - 1e-9))]
+
+    def span(self, first: "np.datetime64") -> "tuple[np.datetime64, np.datetime64]":
+        on, end = super().span(first)
+        if self.backward:
+            return later(on, -self.days), on
+        return on, later(end, self.starts[-1])
 
     @property
     def times(self) -> list[float]:
@@ -86,37 +124,53 @@ class Release(WindowStudy):
 
         from ...base.intervals import drifters_for
         from ...drift.regions import read_polygons
-        from ...drift.released_drifters import points_around, points_in
+        from ...drift.released_drifters import (
+            area_around,
+            area_of,
+            points_around,
+            points_in,
+            tick_of,
+        )
 
         on, since, currents = self.window()
         water = drift.Water.of(currents, 0, self.coast)
         flow = drift.Flow.of(currents, 0, diffusivity=self.diffusivity, coast=self.coast)
         count, random = drifters_for(self.precision), np.random.default_rng(self.seed)
+        count = len(self.starts) * math.ceil(count / len(self.starts))
+        looks = len(self.times)
+        if self.backward:
+            looks += math.ceil(self.days * DAY / tick_of(water, flow))
         doing = f"{count:,} drifters at {len(self.times)} times"
-        memory.check(_BYTES * count * len(self.times), doing, "give a larger --precision")
-        if (place := self._place) is None:
-            with about(f"start {self.start}"):
-                points = points_in(random, water, read_polygons(self.start)[1], count)
-            around = f"in the polygons of {Path(self.start).name}"
-        else:
-            with about(f"start {self.start}"):
+        memory.check(_BYTES * count * looks, doing, "give a larger --precision")
+        with about(f"start {self.start}"):
+            if (place := self._place) is None:
+                polygons = read_polygons(self.start)[1]
+                points, area = points_in(random, water, polygons, count), area_of(water, polygons)
+                around = f"in the polygons of {Path(self.start).name}"
+            else:
                 points = points_around(random, water, place, count, self.radius)
-            around = self._around(water, place)
-        regions = None if self.regions is None else read_polygons(self.regions)
-        return drift.Released.of(
-            water, flow, points, self.times,
-            start=since,
-            regions=regions,
-            afloat=self.beaching or math.inf,
-            stranded=self.resuspension or math.inf,
-            seed=self.seed,
-            say=say,
-            on=on,
-            around=around,
-            source=str(currents.attrs["source"]),
-            coastline=str(currents.attrs.get("coastline", "")),
-            notices=self.notices(on, currents),
-        )  # fmt: skip
+                area = area_around(water, place, self.radius)
+                around = self._around(water, place)
+        given: dict[str, Any] = {
+            "regions": None if self.regions is None else read_polygons(self.regions),
+            "afloat": self.beaching or math.inf,
+            "stranded": self.resuspension or math.inf,
+            "seed": self.seed,
+            "say": say,
+            "on": self.moment if self.backward else on,
+            "around": around,
+            "source": str(currents.attrs["source"]),
+            "coastline": str(currents.attrs.get("coastline", "")),
+            "notices": self.notices(on, currents),
+        }
+        if self.backward:
+            end = since + self.days * DAY
+            with about(f"start {self.start}"):
+                return drift.Released.back_from(
+                    water, flow, area, points, self.times, end=end, **given
+                )
+        starts = [since + DAY * day for day in self.starts]
+        return drift.Released.of(water, flow, points, self.times, starts=starts, **given)
 
     def write(self, result: "drift.Released", out: Path) -> None:
         record.save_release(result, out / "release.geojson")

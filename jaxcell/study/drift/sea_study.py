@@ -144,21 +144,30 @@ class WindowStudy(CurrentStudy):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if (self.until is None) == (self._period is None):
-            got = "nothing" if self.until is None else f"{self.until:g} and `on` {self.on}"
-            raise ValueError(f"until: expected days, or a month or a period as `on`, got {got}")
+        self.check_time()
         if self.days <= 0:
             raise ValueError(f"on: expected a period that ends after it begins, got {self.on}")
+
+    def check_time(self) -> None:
+        """Raise `ValueError` unless either `until` or a period ends the answer."""
+        if (self.until is None) == (self.period is None):
+            got = "nothing" if self.until is None else f"{self.until:g} and `on` {self.on}"
+            raise ValueError(f"until: expected days, or a month or a period as `on`, got {got}")
 
     @property
     def days(self) -> float:
         """The days from the drop to the end of the answer."""
         import numpy as np
 
-        if self._period is None:
+        if self.until is not None or self.period is None:
             return float(self.until or 0)
-        begin, end = map(self._moment, self._period)
+        begin, end = self.period
         return float((end - begin) / np.timedelta64(1, "D"))
+
+    def span(self, first: "np.datetime64") -> "tuple[np.datetime64, np.datetime64]":
+        """Return the time of the drop and the end of the answer, for records from `first` on."""
+        on = first if self.on is None else self.moment
+        return on, later(on, self.days)
 
     def window(self) -> "tuple[np.datetime64, float, xarray.Dataset]":
         """Read the currents from the record before the drop to the end of the answer.
@@ -170,9 +179,7 @@ class WindowStudy(CurrentStudy):
         from ...currents.ocean import read_moments
 
         moments = read_moments(self.file, **self.said)
-        begin = self.on if self._period is None else self._period[0]
-        on = moments[0] if begin is None else self._moment(begin)
-        end = on + np.timedelta64(round(self.days * DAY * 1e9), "ns")
+        on, end = self.span(moments[0])
         if moments.size > 1:
             # A mean of a day is of the whole day, and its time is noon.
             half = np.diff(moments)[[0, -1]] // 2
@@ -186,7 +193,7 @@ class WindowStudy(CurrentStudy):
                 left = (ends - on) / np.timedelta64(1, "D")
                 raise ValueError(
                     f"until: the records end on {last}, {left:.4g} days after the release; "
-                    f"expected at most that, got {self.days:g}"
+                    f"expected at most that, got {(end - on) / np.timedelta64(1, 'D'):g}"
                 )
         records = (
             max(0, int(np.searchsorted(moments, on, "right")) - 1),
@@ -205,8 +212,8 @@ class WindowStudy(CurrentStudy):
         times = currents.time.values
         if times.size == 1:
             return ("There is one record in this time: the current of the answer is steady.",)
-        before, after = ((times[[0, -1]] - on) / np.timedelta64(1, "h")).tolist()
-        held = {"first": before, "last": 24 * self.days - after}
+        hour = np.timedelta64(1, "h")
+        held = {"first": (times[0] - on) / hour, "last": (self.span(on)[1] - times[-1]) / hour}
         return tuple(
             f"The {name} record is held for {in_time(hours)} beyond its time."
             for name, hours in held.items()
@@ -214,18 +221,33 @@ class WindowStudy(CurrentStudy):
         )
 
     @property
-    def _period(self) -> tuple[str, str] | None:
+    def period(self) -> "tuple[np.datetime64, np.datetime64] | None":
+        """The begin and end of a month or a period as `on`; `None` for a time."""
         from ...currents.axes.times import read_period
 
-        return read_period(self.on)
+        period = read_period(self.on)
+        return None if period is None else (_moment(period[0]), _moment(period[1]))
 
-    def _moment(self, text: str) -> "np.datetime64":
-        import numpy as np
+    @property
+    def moment(self) -> "np.datetime64":
+        """The time `on`, or its begin if it is a period."""
+        return _moment(str(self.on)) if self.period is None else self.period[0]
 
-        try:
-            return np.datetime64(text.removesuffix("Z"), "ns")
-        except ValueError:
-            raise ValueError(f"on: expected a date such as 2020-03-01, got {text}") from None
+
+def later(time: "np.datetime64", days: float) -> "np.datetime64":
+    """Return the time some days after a time."""
+    import numpy as np
+
+    return time + np.timedelta64(round(days * DAY * 1e9), "ns")
+
+
+def _moment(text: str) -> "np.datetime64":
+    import numpy as np
+
+    try:
+        return np.datetime64(text.removesuffix("Z"), "ns")
+    except ValueError:
+        raise ValueError(f"on: expected a date such as 2020-03-01, got {text}") from None
 
 
 # Cached, because all members of a sweep read the same currents.
