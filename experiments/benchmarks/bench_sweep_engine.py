@@ -11,12 +11,16 @@ The third table is for the process that sends chunks to a thousand workers and w
 Its processor time limits the number of workers. Here the workers are threads that sleep, so the
 process also computes the chunks, unlike on a cluster.
 
+The fourth table is for whole sweeps of rooms, 25,000 members, or 10^6 with `--full`. It has times
+of processors, also of the workers, with their imports and compilation.
+
 The peer is a loop over the batches of the task in this process, which stores nothing. Neither time
 includes imports and compilation in this process. The start of a sweep includes those of its
 workers.
 """
 
 import queue
+import resource
 import shutil
 import statistics
 import sys
@@ -45,6 +49,20 @@ MORE_CHUNKS = (2, 8, 32, 128)
 SLOW_CHUNKS = 4
 EMPTY_CHUNKS = 100
 CROWD, ROUNDS = 1000, 4
+_WHO = resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN
+ROOMS, MORE_ROOMS = 3125, 125_000
+WHOLE = """
+task = "rooms"
+results = ["count", "longest_period", "longest_transient"]
+[fixed]
+columns = 24
+rows = 18
+obstacles = 3
+directions = 8
+[grid]
+room = {{ count = {rooms} }}
+bounce = {{ start = 0, stop = 360, step = 45 }}
+"""
 
 
 class Run(NamedTuple):
@@ -176,6 +194,26 @@ def driver(folder: Path, seconds: float) -> None:
     line(f"{CROWD:,}", f"{chunks:,}", f"{seconds:g}", *times)
 
 
+def whole(folder: Path, rooms: int) -> None:
+    """Measure the processor time of sweeps of rooms, and extrapolate that of 10^6 members."""
+    path, members = folder / "rooms.toml", 8 * rooms
+    path.write_text(WHOLE.format(rooms=rooms))
+    header("engine", "members", "took, s", "here, s", "workers, s", "processor, us per member")
+    for engine, workers in (("local", None), ("processes", 2)):
+        shutil.rmtree(folder / "out", ignore_errors=True)
+        before = [resource.getrusage(who) for who in _WHO]
+        began = time.perf_counter()
+        run_sweep(Spec.load(path), folder / "out", engine=engine, workers=workers)
+        took = time.perf_counter() - began
+        after = [resource.getrusage(who) for who in _WHO]
+        used = [
+            b.ru_utime + b.ru_stime - a.ru_utime - a.ru_stime
+            for a, b in zip(before, after, strict=True)
+        ]
+        each = f"{sum(used) / members * 1e6:.0f}"
+        line(engine, f"{members:,}", f"{took:.1f}", *(f"{one:.1f}" for one in used), each)
+
+
 def main() -> None:
     arguments = options(__doc__, repeats=1, full="more sizes, chunks of 5 s: 4 min").parse_args()
     begin("jax", "numpy", "xarray", "zarr", "distributed")
@@ -189,6 +227,8 @@ def main() -> None:
         costs(folder, 5.0 if arguments.full else 0.5)
         print()
         driver(folder, 2.0)
+        print()
+        whole(folder, MORE_ROOMS if arguments.full else ROOMS)
     write_rows(arguments.rows, rows)
 
 

@@ -182,10 +182,13 @@ def drifted(
     steps = max(1, math.ceil(abs(end - start) / longest - _ROUNDING))
     times = float(start), float(end - start), steps
     grid = np.stack([water.dx, water.dy]), ~water.closed, water.gone
+    # One program for all diffusivities above 0.
+    spreads = None if key is None or not flow.diffusivity else flow.diffusivity
+    flow = dataclasses.replace(flow, diffusivity=0.0)
 
     def move(first: int, x: np.ndarray, y: np.ndarray) -> tuple[Array, Array]:
         chunk = None if key is None else jax.random.fold_in(key, first)
-        return _drifted(flow, grid, x, y, chunk, *times)
+        return _drifted(flow, grid, x, y, chunk, spreads, *times)
 
     return in_chunks(move, x, y)
 
@@ -200,9 +203,9 @@ def longest_step(water: Water, flow: Flow) -> float:
 
 
 @jax.jit
-def _drifted(flow, grid, x, y, key, start, duration, steps):  # type: ignore[no-untyped-def]
+def _drifted(flow, grid, x, y, key, diffusivity, start, duration, steps):  # type: ignore[no-untyped-def]
     sides, wet, gone = grid
-    if key is None or not flow.diffusivity:
+    if diffusivity is None:
         return advected(flow, x, y, duration, start, "rk4", steps, gone)
     length = duration / steps
 
@@ -210,15 +213,16 @@ def _drifted(flow, grid, x, y, key, start, duration, steps):  # type: ignore[no-
         x, y = place
         after = advected(flow, x, y, length, start + number * length, "rk4", 1, gone)
         drawn = jax.random.fold_in(key, number)
-        return diffuse(drawn, flow, sides, wet, gone, *after, length)
+        return diffuse(drawn, diffusivity, flow.wraps, sides, wet, gone, *after, length)
 
     return jax.lax.fori_loop(0, steps, step, (x, y))
 
 
-@jax.jit
+@functools.partial(jax.jit, static_argnames="wraps")
 def diffuse(
     key: jax.Array,
-    flow: Flow,
+    diffusivity: Float[Array, ""] | float,
+    wraps: bool,
     sides: Float[Array, "axes rows columns"],
     wet: Bool[Array, "rows columns"],
     gone: Bool[Array, "rows columns"],
@@ -226,15 +230,15 @@ def diffuse(
     y: Float[Array, "points"],
     duration: Float[Array, ""] | float,
 ) -> tuple[Float[Array, "points"], Float[Array, "points"]]:
-    """Move points in a random walk with the diffusivity of the flow.
+    """Move points in a random walk with a diffusivity in m²/s.
 
     `sides` are the sides of the squares in metres. A point does not enter squares outside `wet`,
     and does not move from squares in `gone` or from places off the grid.
     """
-    row, column = nearest_square(wet.shape, flow.wraps, x, y)
-    far = jnp.sqrt(2 * flow.diffusivity * jnp.abs(duration))
+    row, column = nearest_square(wet.shape, wraps, x, y)
+    far = jnp.sqrt(2 * diffusivity * jnp.abs(duration))
     right, up = far * jax.random.normal(key, (2, x.size), x.dtype) / sides[:, row, column]
-    on, to = (wet.shape, flow.wraps), (x + right, y + up)
+    on, to = (wet.shape, wraps), (x + right, y + up)
     ashore = on_grid(*on, *to) & ~wet[nearest_square(*on, *to)]
     stays = ~on_grid(*on, x, y) | gone[row, column] | ashore
     return jnp.where(stays, x, to[0]), jnp.where(stays, y, to[1])
