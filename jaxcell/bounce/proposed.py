@@ -30,13 +30,14 @@ class ProposedAngles(Result):
     trials: Mapping[int, Anywhere]
     "Simulated robots with the proposed angles, keyed by the number of angles."
     tried: Annotated[int, quantity("", "sets of angles that were tried", kind="count")]
+    finished: Annotated[bool, quantity("", "whether the search reached its end", kind="flag")]
 
     @property
     def best(self) -> Anywhere:
-        """The trial with the fewest bumps in the mean; robots that fail count all their bumps."""
+        """The trial with the fewest bumps in the mean; robots that fail count all bumps twice."""
         return min(
             self.trials.values(),
-            key=lambda one: np.minimum(self._bumps(one), one.bump.size).mean(),
+            key=lambda one: np.minimum(self._bumps(one), 2 * one.bump.size).mean(),
         )
 
     @property
@@ -52,8 +53,16 @@ class ProposedAngles(Result):
         return (
             f"Take {self.angles_deg[number]} degrees: {100 * share:.3g} % of "
             f"{self.best.crowd(share)} {does}, to {self.best.radius:.3g} m{when}.",
+            *self._unfinished,
             *self._alike_poses,
         )
+
+    @property
+    def _unfinished(self) -> tuple[str, ...]:
+        if self.finished:
+            return ()
+        tried = counted(self.tried, "set")
+        return (f"The time was over after {tried} of angles, so more time may find better angles.",)
 
     @property
     def _alike_poses(self) -> tuple[str, ...]:

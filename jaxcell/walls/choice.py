@@ -137,6 +137,6 @@ def _sampled(state: WallSet, robots: int, rng: np.random.Generator) -> WallSet:
     number = np.bincount(state.robot, minlength=robots)
     if number.max(initial=0) <= _FOLLOWED:
         return state
-    order = np.lexsort((rng.uniform(size=state.robot.size), state.robot))
+    order = np.argsort(state.robot + rng.uniform(size=state.robot.size))
     rank = np.arange(order.size) - (np.cumsum(number) - number)[state.robot[order]]
     return state.take(np.sort(order[rank < _FOLLOWED]))

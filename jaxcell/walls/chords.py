@@ -89,6 +89,26 @@ class Chords(Shown):
         bulge = self.boundary.bulge[self.wall] + self.boundary.bulge[self.hit]
         return self.displacement + self.boundary.tolerance + bulge
 
+    @functools.cached_property
+    def run(self) -> Float[np.ndarray, "2 rows"]:
+        """Bounds of the lengths of the runs of each row in metres, for a quick first test."""
+        tolerance, (constant, slope) = self.boundary.tolerance, self.clearance
+        away = np.stack([constant + slope * arc for arc in (self.begin, self.end)])
+        # Starts may be beside their piece by the tolerance, and rounding by far less.
+        slack = self.reach + 4 * tolerance
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shortest = (away.min(axis=0) - slack) / self.sine[1]
+            longest = (away.max(axis=0) + slack) / self.sine[0]
+        shortest = np.where(self.sine[1] > 0, shortest, 0.0)
+        longest = np.where(self.sine[0] > 0, longest, np.inf)
+        return np.stack([shortest - 4 * tolerance, longest + 4 * tolerance])
+
+    @functools.cached_property
+    def keys(self) -> tuple[float, Float[np.ndarray, "rows"], Float[np.ndarray, "rows"]]:
+        """A length beyond all arc lengths, and the ends of pieces plus `group` times it."""
+        size = self.boundary.diameter + 1.0
+        return size, self.group * size + self.begin, self.group * size + self.end
+
 
 def _runs_in_group(
     boundary: Boundary,

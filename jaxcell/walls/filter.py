@@ -258,10 +258,12 @@ class WallFilter(Shown):
         infinite.
         """
         low, high = np.full((robots, 2), np.inf), np.full((robots, 2), -np.inf)
-        for arc in (state.begin, state.end):
-            end = self.boundary.point(state.wall, arc)
-            np.minimum.at(low, state.robot, end)
-            np.maximum.at(high, state.robot, end)
+        first = np.flatnonzero(np.diff(state.robot, prepend=-1))
+        if first.size:
+            ends = [self.boundary.point(state.wall, arc) for arc in (state.begin, state.end)]
+            robot = state.robot[first]
+            low[robot] = np.minimum.reduceat(np.minimum(*ends), first)
+            high[robot] = np.maximum.reduceat(np.maximum(*ends), first)
         return low, high
 
     def contains(

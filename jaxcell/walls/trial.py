@@ -20,7 +20,7 @@ from .start import StartRegion
 
 
 # The largest number of robots that are followed together, and of the stretches of their sets.
-_ROBOTS, _STRETCHES = 1000, 3_000_000
+_ROBOTS, _STRETCHES = 1000, 1_000_000
 # The number of discs for each stretch of the first set, for each bump that was not on the map.
 _DISCS = 8
 # An error is smaller than its bound by this factor, so that rounding does not exceed the bound.

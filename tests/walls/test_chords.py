@@ -5,6 +5,7 @@ import shapely
 from experiments.chapter_2.file_rays import FileRays, rings_of
 from jaxcell import space, walls
 from jaxcell.base.bundled import bundled
+from jaxcell.walls.sets import WallSet, everywhere, leaving
 
 
 def test_walls_enclose_the_free_space():
@@ -40,6 +41,21 @@ def test_every_run_is_within_the_bounds_of_a_chord(name, slices, known, displace
     )
 
 
+@pytest.mark.parametrize(("slices", "known"), [(16, True), (90, False)])
+def test_bounds_of_runs_leave_out_only_chords_that_are_impossible(slices, known):
+    rings, radius = rings_of(bundled("cafe"))
+    boundary = walls.Boundary.of(space.Workspace(rings[0], rings[1:], robot_radius=radius))
+    chords, slow = (walls.Chords.of(boundary, slices, known=known) for _ in range(2))
+    slow.__dict__["run"] = np.stack([np.zeros(slow.wall.size), np.full(slow.wall.size, np.inf)])
+    places, least = everywhere(chords), np.array([0.0, 0.3, 1.0, 4.0])
+    state = WallSet(*(np.tile(part, least.size) for part in places))
+    state = state._replace(robot=np.repeat(np.arange(least.size), places.robot.size))
+    for width in (0.0, 0.1):
+        found = leaving(chords, state, least, least + width)
+        expected = leaving(slow, state, least, least + width)
+        assert all(np.array_equal(*pair) for pair in zip(found, expected, strict=True))
+
+
 def any_row_allows(chords, slice_, start, end, run, near):
     """Check whether a row of `chords` allows a run from one place to another."""
     boundary, wall = chords.boundary, np.arange(len(chords.boundary.length))
@@ -55,6 +71,8 @@ def any_row_allows(chords, slice_, start, end, run, near):
     far = chords.clearance[0, rows] + chords.clearance[1, rows] * at
     gentle, steep = chords.sine[:, rows]
     allowed &= (run * gentle - reach <= far) & (far <= run * steep + reach)
+    shortest, longest = chords.run[:, rows]
+    allowed &= (shortest - near <= run) & (run <= longest + near)
     ends, spread = chords.arc[:, 0, rows] + chords.arc[:, 1, rows] * at, chords.spread[:, rows]
     arc = arcs[1][chords.hit[rows]]
     allowed &= (ends - spread).min(axis=0) - near <= arc

@@ -20,10 +20,11 @@ def filter_of_room():
 
 def test_a_search_that_keeps_all_sets_finds_the_best_sets(filter_of_room):
     shared = {"robots": 8, "bumps": 6, "headings": 8, "seed": 4}
-    best, tried = walls.propose_angles(
+    best, tried, finished = walls.propose_angles(
         ROOM, filter_of_room, ANGLES, most=2, radius=0.1, kept=9, **shared
     )
     assert tried == 4 + 6
+    assert finished
     for size, found in enumerate(best, 1):
         means = {}
         for angles in itertools.combinations(ANGLES, size):
@@ -35,7 +36,7 @@ def test_a_search_that_keeps_all_sets_finds_the_best_sets(filter_of_room):
 
 def test_a_goal_that_one_angle_cannot_reach_takes_several(filter_of_room):
     goal = (2.5, 0.0), 0.5
-    best, _ = walls.propose_angles(
+    best, *_ = walls.propose_angles(
         ROOM, filter_of_room, ANGLES, most=2, radius=0.5, goal=goal, headings=8, robots=6
     )
     bumps = [walls.Homing(filter_of_room, *goal, angles).bumps.mean() for angles in best]
@@ -44,6 +45,30 @@ def test_a_goal_that_one_angle_cannot_reach_takes_several(filter_of_room):
     np.testing.assert_array_equal(
         homing.bumps_by(best[1]), walls.Homing(filter_of_room, *goal, best[1]).bumps
     )
+
+
+def test_rounds_with_few_robots_keep_an_angle_that_is_far_better(filter_of_room):
+    """Turns by 90 degrees localize nobody in this room, and turns by 135 degrees everybody."""
+    angles = [math.radians(angle) for angle in (90, 180, 135, 360, 270)]
+    (best,), *_ = walls.propose_angles(
+        ROOM, filter_of_room, angles, most=1, radius=0.1, kept=1, headings=8
+    )
+    assert best == (angles[2],)
+
+
+def test_a_search_whose_time_is_over_returns_what_it_has_found(filter_of_room):
+    best, tried, finished = walls.propose_angles(
+        ROOM, filter_of_room, ANGLES, most=2, radius=0.1, headings=8, robots=4, seconds=0.0
+    )
+    assert (best, tried, finished) == (((ANGLES[0],),), 1, False)
+
+
+def test_an_unfinished_search_says_so():
+    found = study.ChooseAngles(
+        map=ROOM, for_="localize", resolution=90.0, robots=4, bumps=4, measured=True, seconds=1e-9
+    ).run()
+    assert not found.finished
+    assert "after 1 set of angles" in found.answer[1]
 
 
 def test_the_answer_names_the_angles_and_the_poses_that_look_alike():

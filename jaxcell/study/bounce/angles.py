@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import tyro
 
 from ... import bounce as bouncing, walls
-from ..parameters import AtLeastOne, Degrees, Limit, Needed, Pose
+from ..parameters import AtLeastOne, Degrees, Duration, Limit, Needed, Pose
 from ..study import Say, radians, silent
 from .anywhere import LOCALIZED, AnywhereStudy, goal_at
 
@@ -40,6 +40,9 @@ class ChooseAngles(AnywhereStudy):
     """Angles to choose from: the multiples of this angle in degrees."""
     robots: AtLeastOne = 100
     """Number of simulated robots with each proposed set of angles."""
+    seconds: Duration | None = None
+    """Time limit in seconds of the search, without the simulations that follow it; by default there
+    is no limit. The answer says whether the search reached its end."""
 
     def run(self, say: Say = silent) -> "bouncing.ProposedAngles":
         cells = self.cells()
@@ -52,7 +55,7 @@ class ChooseAngles(AnywhereStudy):
         filter = self.filter(cells, angles)
         wider = self._wider if filter.chords.width else 1
         coarse = dataclasses.replace(self, slices=self.slices // wider).filter(cells, angles)
-        best, tried = walls.propose_angles(
+        best, tried, finished = walls.propose_angles(
             cells.workspace,
             coarse,
             angles,
@@ -61,13 +64,14 @@ class ChooseAngles(AnywhereStudy):
             goal=goal,
             headings=self._known_headings(cells),
             seed=self.seed,
+            seconds=math.inf if self.seconds is None else self.seconds,
             say=say,
         )
         trials = {}
         for one in best:
             degrees = [round(math.degrees(angle), 9) for angle in one]
             trials[len(one)] = self.simulate(say, degrees, goal, filter)
-        return bouncing.ProposedAngles(cells, trials, tried)
+        return bouncing.ProposedAngles(cells, trials, tried, finished)
 
     @property
     def _wider(self) -> int:
