@@ -11,7 +11,7 @@ from pygments.formatters import HtmlFormatter
 
 
 ROOT = Path(__file__).parents[1]
-PRIVATE = {"base", "cli", "currents"}
+PRIVATE = {"base", "cli"}
 MODULES = (
     "base/certificate.py",
     "base/quantities.py",

@@ -11,7 +11,7 @@ Alam's dissertation (2018). Docstrings name its sections, equations and algorith
 Packages, from the lowest layer to the highest:
 
 - `space`: maps, cells, visibility. `automata`: filters. `walls`: sets of places of robots that
-    start anywhere. None of them imports JAX.
+    start anywhere. `currents`: files of ocean models. None of them imports JAX.
 - `mapping`: maps of cells and their groups.
 - `markov`: analyses of chains. `optimize`: weights, mixtures, covers and games.
 - `bounce`: bouncing robots (chapters 2 and 3). `patrol`: patrolling (chapter 4). `drift`: drifters
@@ -51,6 +51,7 @@ __version__ = "0.2.0.dev0"
 _MODULES = (
     "automata",
     "bounce",
+    "currents",
     "drift",
     "dynamics",
     "examples",

@@ -12,6 +12,7 @@ import pytest
 PACKAGES = [
     "automata",
     "bounce",
+    "currents",
     "drift",
     "dynamics",
     "mapping",

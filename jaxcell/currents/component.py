@@ -82,16 +82,6 @@ class Component:
         if self.mask is not None:
             open_sides = np.broadcast_to(self.mask.water, values.shape)
             values = np.where(open_sides, values, np.nan)
-        self._check_speed(values, record)
-        if (axis := axes.between) is None:
-            return values, open_sides, unmasked
-        centres = to_centres(values, open_sides, axis)
-        beside = to_centres(open_sides.astype(float), open_sides, axis) > 0
-        unmasked = to_centres(unmasked, np.isfinite(unmasked), axis)
-        inner = self.inner
-        return centres.take(inner, axis), beside.take(inner, axis), unmasked.take(inner, axis)
-
-    def _check_speed(self, values: _Levels, record: int) -> None:
         for level, row, column in np.argwhere(np.abs(values) > FASTEST_CURRENT):
             place = 0 if self.places is None else self.places[level]
             raise self.file.error(
@@ -101,6 +91,13 @@ class Component:
                 f"{self.rows[row]}, column {self.columns[column]}; a fill value or unit that is "
                 "not declared?",
             )
+        if (axis := axes.between) is None:
+            return values, open_sides, unmasked
+        centres = to_centres(values, open_sides, axis)
+        beside = to_centres(open_sides.astype(float), open_sides, axis) > 0
+        unmasked = to_centres(unmasked, np.isfinite(unmasked), axis)
+        inner = self.inner
+        return centres.take(inner, axis), beside.take(inner, axis), unmasked.take(inner, axis)
 
 
 def component(

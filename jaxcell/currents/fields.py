@@ -74,10 +74,8 @@ class FieldReader:
     @functools.cached_property
     def mask(self) -> Mask | None:
         """The mask of the water at the cell centres, or `None` if the file has no mask."""
-        rho, depth = self.velocity.u_axes.rho, self.velocity.u_axes.depth
-        return read_mask(
-            self.file, rho, self.grid.rows, self.grid.columns, self.layers.places, depth
-        )
+        axes, places = self.velocity.u_axes, self.layers.places
+        return read_mask(self.file, axes.rho, self.grid.rows, self.grid.columns, places, axes.depth)
 
     @functools.cached_property
     def bed(self) -> Float[np.ndarray, "y x"]:
@@ -152,10 +150,8 @@ class FieldReader:
                 fill_gaps(values, present, self.times, gaps)
         if gaps.any():
             filled = "left out of the mean" if mean else "interpolated in time"
-            doubts.append(
-                f"{int(gaps.sum()):,} cells lack a velocity at up to {1 - LEAST_PRESENT:.0%} of "
-                f"the {records} records, and are water: their gaps are {filled}"
-            )
+            lack = f"lack a velocity at up to {1 - LEAST_PRESENT:.0%} of the {records} records"
+            doubts.append(f"{gaps.sum():,} cells {lack}, and are water: their gaps are {filled}")
         seen, water = count > 0, always | gaps
         if moves.any():
             ashore, bed, why = self._stored_as_zero(seen & (still == count), water)
@@ -166,16 +162,13 @@ class FieldReader:
             omitted = ", ".join(f"{depth:g}" for depth in layers.depth[~kept])
             notes.append(f"left out, as no cell has water there: {omitted} m")
         if sometimes := int((seen & ~water).sum()):
-            doubts.append(
-                f"{sometimes:,} cells have a velocity at some of the {records} records only, and "
-                "are not water"
-            )
+            have = f"have a velocity at some of the {records} records only"
+            doubts.append(f"{sometimes:,} cells {have}, and are not water")
         u, v = (np.where(water, values, np.nan)[:, kept] for values in (u, v))
         land, why = self._land(seen, dry, water)
         doubts += why
-        return Field(
-            layers.depth[kept], u, v, water[kept], land[kept], (*notes, *doubts), tuple(doubts)
-        )
+        notes, depth = [*notes, *doubts], layers.depth[kept]
+        return Field(depth, u, v, water[kept], land[kept], tuple(notes), tuple(doubts))
 
     def _stored_as_zero(self, zero: _Mask, water: _Mask) -> tuple[_Mask, _Mask, list[str]]:
         """Mark land and sea bed among the squares whose velocity is exactly 0 at all records.
@@ -192,12 +185,11 @@ class FieldReader:
             moving_above = np.cumsum(water & ~zero, axis=0) > 0
             still_below = np.logical_and.accumulate(zero[::-1])[::-1]
             ashore, bed = zero & land, moving_above & still_below & water.all()
+        rest = zero & ~(ashore | bed)
         counts = {
             f"are land by {by}, and count as land": ashore,
             "lie below others that move, and count as sea bed": bed & ~ashore,
-            f"are water by {by}, and count as water that drifters never leave": (
-                zero & ~(ashore | bed)
-            ),
+            f"are water by {by}, and count as water that drifters never leave": rest,
         }
         doubts = [
             f"{count:,} squares have a velocity of exactly 0 at all records; they {what}"
@@ -216,10 +208,7 @@ class FieldReader:
     def _land(self, seen: _Mask, deep: _Mask, water: _Mask) -> tuple[_Mask, list[str]]:
         """Mark the squares of land and of the sea bed, and return notes on their number.
 
-        Squares with a velocity at any record (`seen`) are sea. Squares below the bed (`deep`), or
-        below a square of sea, are sea bed. For all other squares the mask of the file decides.
-        Without a mask, the depth of the sea bed decides: a square without a positive depth is
-        land. Without this depth, a coastline decides.
+        Squares with a velocity at any record (`seen`) are sea, those below the bed are `deep`.
         """
         above = np.cumsum(seen, axis=0) > seen
         if (top := self.layers.top) is not None:
@@ -235,13 +224,11 @@ class FieldReader:
         else:
             land, by = self._coast(unknown.any(axis=0))
         land = ~water & (bed | self.grid.closed[:, None] | (unknown & land))
-        gaps = ~(water | land)
-        if not gaps.any():
+        if not (gaps := ~(water | land)).any():
             return land, []
-        return land, [
-            f"{int(land[0].sum())} squares of the first layer are land{by and f' (by {by})'}, and "
-            f"{int(gaps[0].sum())} are sea without data, where drifters leave the map"
-        ]
+        dry = f"{int(land[0].sum())} squares of the first layer are land{by and f' (by {by})'}"
+        where = "sea without data, where drifters leave the map"
+        return land, [f"{dry}, and {int(gaps[0].sum())} are {where}"]
 
     def _seen_at(self, level: int) -> Bool[np.ndarray, "y x"]:
         """Mark the cells with a velocity at a level, at the first record."""

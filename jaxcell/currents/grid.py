@@ -174,9 +174,8 @@ def _angle(
 ) -> tuple[Float[np.ndarray, "y x"], str]:
     """Convert the variable `angle` to radians; return it, and a phrase that names its source.
 
-    Radians are chosen if the file declares them and the angle in radians agrees with the angle
-    `computed` from the positions. Otherwise the unit with the better agreement is chosen, because
-    some files omit the unit, and some files of CROCO have radians but declare degrees.
+    Radians that agree with the angle `computed` from the positions are believed. Otherwise the unit
+    that agrees better is chosen: some files omit it, and some of CROCO declare the wrong one.
     """
     known = np.isfinite(angle + computed)
     if not known.any():
@@ -193,10 +192,9 @@ def _angle(
     if off[unit] > _MAX_ERROR_OF_ANGLE:
         raise file.error(
             "angle",
-            f"expected the angle from East to the x axis within {_MAX_ERROR_OF_ANGLE:g} "
-            f"degrees of that from {axes.lon} and {axes.lat}; its median is off by "
-            f"{off['radians']:.3g} degrees if it is in radians, and by {off['degrees']:.3g} if it "
-            "is in degrees",
+            f"expected the angle from East to the x axis within {_MAX_ERROR_OF_ANGLE:g} degrees "
+            f"of that from {axes.lon} and {axes.lat}; its median is off by {off['radians']:.3g} "
+            f"degrees if it is in radians, and by {off['degrees']:.3g} if it is in degrees",
         )
     return units[unit], f"the variable angle, in {unit} as {axes.lon} and {axes.lat} show"
 

@@ -37,9 +37,8 @@ def read_mask(
 ) -> Mask | None:
     """Read the mask of a file at `rows` and `columns`; return `None` if it has no mask.
 
-    The mask is, in this order of preference, a variable with a name that ROMS, CROCO or NEMO uses,
-    in which 1 is water; a variable whose `flag_values` and `flag_meanings`, or attributes such as
-    `option_0`, name land and water; or a variable with a CF standard name. `dims` are the
+    The mask is the variable that the caller named; or one with a known name; or one whose flags or
+    options, such as `option_0`, name land and water; or one with a CF standard name. `dims` are the
     dimensions of y and x, and `places` the levels to read along a dimension `depth`.
     """
     candidates = {

@@ -103,8 +103,8 @@ def open_netcdf(path: str | os.PathLike[str], group: str | None = None) -> Itera
     engine = netcdf_engine(path)
     with unwarned():
         try:
-            too_long = _too_long(path) if engine == "netcdf4" else {}
-            groups = _groups(path, group) if engine == "netcdf4" else [group or ""]
+            classic = engine != "netcdf4"
+            too_long, groups = ({}, [group or ""]) if classic else _inspected(path, group)
             empty = too_long or len(groups) != 1
             dataset = xr.Dataset() if empty else open_undecoded(path, engine, groups[0])
         except Exception as error:  # as above
@@ -141,18 +141,26 @@ def open_undecoded(
     return both
 
 
-def _groups(path: str | os.PathLike[str], group: str | None) -> list[str]:
-    """List the groups to choose from: "" for the file itself, if it has variables."""
+def _inspected(path: str | os.PathLike[str], group: str | None) -> tuple[dict[str, int], list[str]]:
+    """Return the sizes of coordinates and texts that are too long for xarray to load, and the
+    groups to choose from: "" for the file itself, if it has variables."""
     with netCDF4.Dataset(path) as file:
+        too_long = {
+            name: size
+            for name, variable in file.variables.items()
+            if (variable.dimensions == (name,) or variable.dtype is str)
+            and (size := math.prod(variable.shape)) > _MAX_READ
+        }
         found, queue = [], [file]
         while queue:
             at = queue.pop(0)
             queue += at.groups.values()
             if any(variable.ndim > 1 for variable in at.variables.values()):
                 found.append(at.path.strip("/"))
-    if group is not None:
-        return [group.strip("/")] if group.strip("/") in found else ["", *found]
-    return [""] if "" in found or not found else found
+    if group is None:
+        return too_long, [""] if "" in found or not found else found
+    asked = group.strip("/")
+    return too_long, [asked] if asked in found else ["", *found]
 
 
 @contextlib.contextmanager
@@ -180,17 +188,6 @@ def netcdf_engine(path: str | os.PathLike[str]) -> Literal["netcdf4", "scipy"]:
             "whole; expected version 1, 2 or 4 (to convert it: nccopy -k nc4 OLD.nc NEW.nc)"
         )
     return "scipy" if magic in (b"CDF\1", b"CDF\2") else "netcdf4"
-
-
-def _too_long(path: str | os.PathLike[str]) -> dict[str, int]:
-    """Return the sizes of coordinates and text variables that are too long for xarray to load."""
-    with netCDF4.Dataset(path) as file:
-        return {
-            name: size
-            for name, variable in file.variables.items()
-            if (variable.dimensions == (name,) or variable.dtype is str)
-            and (size := math.prod(variable.shape)) > _MAX_READ
-        }
 
 
 def error_line(error: Exception) -> str:

@@ -72,16 +72,6 @@ def open_currents(
     and levels that follow the sea bed are interpolated to depths. Only the chosen part is read,
     record by record.
 
-    A cell is water if it has a velocity at 80 % of the chosen records or more, and is water in the
-    mask of the file, if there is one. Gaps are interpolated in time; values with a bad quality flag
-    count as gaps. Masks are recognised by the names of ROMS, CROCO and NEMO, by flags or options
-    such as `option_0`, or by a standard name.
-
-    Other squares are land, the sea bed, or *sea without data*, an open edge of the map. A square
-    below a square with a velocity is the sea bed. For other squares the mask decides; without a
-    mask, the depth of the sea bed; without this depth, a coastline: a square that contains land is
-    land.
-
     If the columns go round the Earth, repeated columns are left out, and the last column is beside
     the first. Rows that repeat other rows because the grid is folded in the North count as land.
 
@@ -123,21 +113,11 @@ def open_currents(
     - `stokes`: whether to add the Stokes drift of waves in the file to the first layer.
     - `land`: a GeoJSON file or shapefile of land, for files without a mask; by default the bundled
         land of Natural Earth, whose coasts have errors of some kilometres.
-    - `gaps`: `"open"` for the rules above; `"land"` if all squares without a velocity are land; or
+    - `gaps`: `"open"` if they may be sea without data; `"land"` if all squares without a velocity are land; or
         `"fill"` to fill holes of up to nine squares in the water with the velocity around them.
 
-    **Returns:** a dataset on the dimensions time, layer, y and x, the surface first and, on a grid
-    of latitude and longitude, the South and West first:
-
-    - `u`, `v`: velocity towards the East and North in m/s, NaN where there is no water;
-    - `water`: the mask of the squares of each layer that are water;
-    - `land`: the mask of land or the sea bed; squares in neither mask are sea without data;
-    - `dx`, `dy`: the sides of each cell along the x and y axes of the grid, in metres;
-    - `angle`: the angle from East to the x axis, counter-clockwise, in radians;
-    - coordinates `time` (UTC), `depth` of each layer in metres, `lon` and `lat` of the centres;
-    - attributes `source`; `east_from` and `north_from`, the variables and the reason for their
-        choice; `notes`, one line per note on how the file was read; `mean_of`, the number of
-        records in the mean, or 1; and `coastline`, the file of `land`, or "".
+    **Returns:** a dataset in the normal form of `jaxcell.currents`: `u`, `v`, `water`, `land`, `dx`,
+    `dy` and `angle` on the dimensions time, layer, y and x, with the times, depths and positions.
 
     **Raises:** `FileNotFoundError`; `ValueError`, with the file, the field and the value, for
     damaged or contradictory files, choices that do not exist in the file, and more data than 4 GiB;

@@ -26,11 +26,9 @@ Source: TypeAlias = str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | 
 def open_source(
     source: Source, grid: Source | None = None, said: Said | None = None
 ) -> Iterator[OceanFile]:
-    """Open all files of a source as one, as a context manager.
+    """Open all files of a source as one, as a context manager; only positions and times are read.
 
-    Records of several files are joined in chronological order, and variables of different names are
-    combined. Those variables of `grid` that do not change in time replace variables of the source.
-    Velocities are not read yet, only positions and times.
+    Those variables of `grid` that do not change in time replace variables of the source.
     """
     with contextlib.ExitStack() as stack:
         stack.enter_context(unwarned())

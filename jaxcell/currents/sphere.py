@@ -1,6 +1,5 @@
 """Geometry of cells on the Earth: order of coordinates, sides in metres, angle of the x axis."""
 
-import warnings
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
@@ -8,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
-from ..base.doubts import Doubt
+from ..base.doubts import Doubt, warn
 
 
 _Cells: TypeAlias = Float[np.ndarray, "y x"]
@@ -34,12 +33,9 @@ def warn_if_wide(bounds: Sequence[float | int]) -> None:
     """Warn if bounds cross the date line and most of the Earth: west and east may be exchanged."""
     west, _, east, _ = bounds
     if west > east and (width := (east - west) % 360) > 180:
-        warnings.warn(
-            f"`bounds`: from {west:g} eastward to {east:g} degrees goes {width:g} degrees round "
-            f"the Earth, across the date line; for {360 - width:g} degrees give {east:g} first",
-            Doubt,
-            stacklevel=2,
-        )
+        wide = f"from {west:g} eastward to {east:g} degrees goes {width:g} degrees round the Earth"
+        way_on = f"for {360 - width:g} degrees give {east:g} first"
+        warn(f"`bounds`: {wide}, across the date line; {way_on}", Doubt)
 
 
 def repeated_columns(lon: Float[np.ndarray, " x"]) -> int:
@@ -93,8 +89,7 @@ def folded_rows(lon: _Cells, lat: _Cells) -> int:
 def goes_round(lon: _Cells, lat: _Cells) -> bool:
     """Return whether the last column of a grid is beside the first, so that its rows are circles.
 
-    The rows must go once round the Earth, and the gap at the seam must be as wide as the spacing of
-    the columns beside it.
+    The rows must go once round the Earth, with a gap at the seam as wide as the spacing beside it.
     """
     if lon.shape[1] < 3:
         return False
@@ -121,8 +116,7 @@ def eastward_order(lon: Float[np.ndarray, " x"]) -> Int[np.ndarray, " x"]:
     steps = np.diff(lon)
     if not (((steps > 0).all() or (steps < 0).all()) and np.ptp(lon) < 360):
         steps = wrapped(steps)
-    if not (np.isfinite(lon).all() and ((steps > 0).all() or (steps < 0).all())):
-        raise ValueError(f"expected longitudes in order, got {_around_break(lon, steps)}")
+    _check_order("longitudes", lon, steps)
     if np.abs(steps).sum() >= 360 - 1e-9:
         raise ValueError(f"expected less than a turn, got {lon[0]:g} to {lon[-1]:g}")
     order = np.argsort(wrapped(lon))
@@ -134,8 +128,7 @@ def eastward_order(lon: Float[np.ndarray, " x"]) -> Int[np.ndarray, " x"]:
 def northward_order(lat: Float[np.ndarray, " y"]) -> Int[np.ndarray, " y"]:
     """Return the indices that sort latitudes from South to North."""
     steps = np.diff(lat)
-    if not (np.isfinite(lat).all() and ((steps > 0).all() or (steps < 0).all())):
-        raise ValueError(f"expected latitudes in order, got {_around_break(lat, steps)}")
+    _check_order("latitudes", lat, steps)
     if np.abs(lat).max() > 90:
         raise ValueError(f"expected degrees from -90 to 90, got {lat[np.abs(lat).argmax()]:g}")
     return np.arange(len(lat)) if steps[0] > 0 else np.arange(len(lat))[::-1]
@@ -224,8 +217,9 @@ def curvilinear_sides(
         along_y, along_x = along_y[:, :, 1:-1], along_x[:, :, 1:-1]
     dx = np.linalg.norm(along_x, axis=0)
     dy = np.linalg.norm(along_y, axis=0)
-    x_east, x_north = (along_x * east).sum(axis=0), (along_x * north).sum(axis=0)
-    y_east, y_north = (along_y * east).sum(axis=0), (along_y * north).sum(axis=0)
+    (x_east, x_north), (y_east, y_north) = (
+        ((along * east).sum(axis=0), (along * north).sum(axis=0)) for along in (along_x, along_y)
+    )
     with np.errstate(invalid="ignore", divide="ignore"):
         turn = (x_east * y_north - x_north * y_east) / (dx * dy)
     return EARTH_RADIUS * dx, EARTH_RADIUS * dy, np.arctan2(x_north, x_east), turn
@@ -257,9 +251,13 @@ def turned(
     return x * cos - y * sin, x * sin + y * cos
 
 
-def _around_break(values: np.ndarray, steps: np.ndarray) -> str:
-    """Describe where `values` are not finite, or where their differences `steps` change sign."""
+def _check_order(what: str, values: np.ndarray, steps: np.ndarray) -> None:
+    """Raise if `values` are not finite, or if their differences `steps` change sign."""
     if not np.isfinite(values).all():
-        return f"no number at index {int((~np.isfinite(values)).argmax())}"
-    k = int((np.sign(steps) != np.sign(steps[0])).argmax()) if steps[0] else 0
-    return f"{values[k]:g} then {values[k + 1]:g} at index {k + 1}"
+        got = f"no number at index {int((~np.isfinite(values)).argmax())}"
+    elif (steps > 0).all() or (steps < 0).all():
+        return
+    else:
+        k = int((np.sign(steps) != np.sign(steps[0])).argmax()) if steps[0] else 0
+        got = f"{values[k]:g} then {values[k + 1]:g} at index {k + 1}"
+    raise ValueError(f"expected {what} in order, got {got}")

@@ -50,9 +50,7 @@ def choose_velocity(
 
     A variable `u` without a standard name is accepted only if its dimensions determine its axes:
     the cell faces of a C-grid, or longitude and latitude. Alam 2018 calls u the northing in section
-    5.4.1 and the easting in section 5.4.2; here u is towards the East. Variables that the caller
-    names are along the axes of the grid if they are on cell faces, or if their standard names are
-    those of velocities along x and y; otherwise they are towards the East and North.
+    5.4.1 and the easting in section 5.4.2; here u is towards the East.
 
     **Returns:** the file, with dimensions of ROMS if it is from NEMO or MITgcm; and the velocity.
     """

@@ -53,11 +53,7 @@ class RecordTimes:
 
 
 def record_times(file: OceanFile, dim: str | None) -> RecordTimes:
-    """Read the time of each record along a dimension, or the time of a single record.
-
-    In a calendar with years of 360 or 365 days, days are counted from the beginning of the year of
-    the first record, so that the numbers of days between records do not change.
-    """
+    """Read the time of each record along a dimension, or the time of a single record."""
     name = time_variable(file, dim)
     if name is None:
         note = "time: the file has none; taken as 1970-01-01"
@@ -197,9 +193,8 @@ def read_period(when: Any) -> tuple[str, str] | None:
 def choose_records(file: OceanFile, times: RecordTimes, when: When) -> Int[np.ndarray, " chosen"]:
     """Find the records that the argument `time` of [`jaxcell.drift.open_currents`][] selects.
 
-    A date or time selects the nearest record, which must be within half the median time between
-    records. Of two equally near records the later one is selected: a date means midnight, and so
-    selects the daily mean that is dated at noon of the same day.
+    Of two equally near records the later one is selected: a date means midnight, and so selects the
+    daily mean that is dated at noon of the same day.
     """
     records = np.arange(len(times.values))
     if when is None:

@@ -104,35 +104,31 @@ class Trajectories(Shown):
         **Arguments:** as the fields of this class; the numbers in `drifter` may be in any order,
         with gaps.
         """
+
+        def doubt(marked: np.ndarray, of: np.ndarray, what: str) -> None:
+            if count := int(marked.sum()):
+                warn(f"{source}: {count:,} of {of.size:,} observations are {what}", Doubt)
+
         given = np.isfinite(lon) & np.isfinite(lat) & np.isfinite(time)
         wrong = given & ((np.abs(lon) > 360) | (np.abs(lat) > 90))
-        if wrong.any():
-            places = f"{wrong.sum():,} of {wrong.size:,} observations are left out: longitudes"
-            warn(f"{source}: {places} beyond 360 or latitudes beyond 90 are no positions", Doubt)
+        why = "longitudes beyond 360 or latitudes beyond 90 are no positions"
+        doubt(wrong, wrong, f"left out: {why}")
         known = np.flatnonzero(given & ~wrong)
         by_drifter = known[np.argsort(drifter[known], kind="stable")]
         back = (np.diff(time[by_drifter]) < 0) & (np.diff(drifter[by_drifter]) == 0)
-        if back.any():
-            late = f"{back.sum():,} of {wrong.size:,} observations are earlier than the one before"
-            warn(f"{source}: {late} of their drifter, and are sorted by time", Doubt)
+        doubt(back, wrong, "earlier than the one before of their drifter, and are sorted by time")
         order = known[np.lexsort((time[known], drifter[known]))]
         lon, lat, time, drifter = (column[order] for column in (lon, lat, time, drifter))
         new = np.append(True, (np.diff(time) > 0) | (np.diff(drifter) != 0))[: time.size]
-        if not new.all():
-            again = f"{np.sum(~new):,} of {new.size:,} observations are left out"
-            warn(f"{source}: {again}: their drifters have another at the same time", Doubt)
+        doubt(~new, new, "left out: their drifters have another at the same time")
         drogued = None if drogued is None else drogued[order][new]
         lon, lat, time, drifter = wrapped(lon[new]), lat[new], time[new], drifter[new]
         possible = possible_observations(lon, lat, time, drifter, max_speed)
-        if not possible.all():
-            first = int(possible.argmin())
-            doubt = (
-                f"{source}: {np.sum(~possible):,} of {possible.size:,} observations are left out, "
-                f"which drifters could reach only at more than {max_speed:g} m/s, or which rest at "
-                f"exactly 0 N 0 E; the first is at {lat[first]:g} N, {lon[first]:g} E; for another "
-                "limit, set `max_speed`"
-            )
-            warn(doubt, Doubt)
+        for first in np.flatnonzero(~possible)[:1]:
+            fast = f"left out, which drifters could reach only at more than {max_speed:g} m/s"
+            at = f"the first is at {lat[first]:g} N, {lon[first]:g} E"
+            still = f"which rest at exactly 0 N 0 E; {at}; for another limit, set `max_speed`"
+            doubt(~possible, possible, f"{fast}, or {still}")
         number = np.unique(drifter, return_inverse=True)[1].astype(np.int64)
         return cls(lon, lat, time, number, source, since, drogued)._selected(possible)
 
@@ -149,15 +145,11 @@ class Trajectories(Shown):
         **Raises:** `ValueError` if `drogued` is unknown, or no observation is left.
         """
         if self.drogued is None:
-            raise ValueError(
-                f"{self.source}: it is not known which drifters had their drogue; expected a "
-                "variable drogue_status or drogue_lost_date"
-            )
-        chosen = self.drogued == kept
-        if not chosen.any():
-            raise ValueError(
-                f"{self.source}: no drifter {'had' if kept else 'had lost'} its drogue"
-            )
+            expected = "expected a variable drogue_status or drogue_lost_date"
+            why = "it is not known which drifters had their drogue"
+            raise ValueError(f"{self.source}: {why}; {expected}")
+        if not (chosen := self.drogued == kept).any():
+            raise ValueError(f"{self.source}: no drifter had {'' if kept else 'lost '}its drogue")
         return self._selected(chosen)
 
     def dataset(self) -> xr.Dataset:
@@ -282,14 +274,10 @@ def _observations(source: str | xr.Dataset) -> tuple[dict[str, np.ndarray], str]
         drifter = _drifters(file, lon, time)
         for array in read.values():
             if not set(array.dims) <= set(lon.dims):
-                raise file.error(
-                    str(array.name), f"expected dimensions of {lon.dims}, got {array.dims}"
-                )
-        values = {
-            "lon": file.read(lon),
-            "lat": file.read(read["lat"]),
-            "time": _seconds(file, time),
-        }
+                why = f"expected dimensions of {lon.dims}, got {array.dims}"
+                raise file.error(str(array.name), why)
+        values = {role: file.read(read[role]) for role in ("lon", "lat")}
+        values["time"] = _seconds(file, time)
         full = {
             role: xr.DataArray(value, dims=read[role].dims).broadcast_like(drifter)
             for role, value in values.items()
@@ -349,17 +337,14 @@ def _drifters(file: OceanFile, lon: xr.DataArray, time: xr.DataArray) -> xr.Data
             counts = file.read(file.dataset[name])
             whole = counts.ndim == 1 and (counts == np.abs(counts.round())).all()
             if not whole or counts.sum() != lon.size:
-                raise file.error(
-                    str(name),
-                    f"expected {lon.size} observations of all drifters, got {counts.sum():g}"
-                    + " in numbers that are none of observations" * (not whole),
-                )
+                got = f"{counts.sum():g}{' in numbers that are none of observations' * (not whole)}"
+                expected = f"expected {lon.size} observations of all drifters"
+                raise file.error(str(name), f"{expected}, got {got}")
             owner = np.repeat(np.arange(counts.size), counts.astype(np.int64))
             return xr.DataArray(owner, dims=[dim])
     for name, variable in file.dataset.variables.items():
-        labels = "instance_dimension" in variable.attrs or (
-            variable.attrs.get("cf_role") == "trajectory_id" or str(name).lower() in _LABELS
-        )
+        about, named = variable.attrs, str(name).lower() in _LABELS
+        labels = "instance_dimension" in about or about.get("cf_role") == "trajectory_id" or named
         if labels and variable.dims == (dim,):
             _, label = np.unique(variable.values, return_inverse=True)
             return xr.DataArray(label, dims=[dim])

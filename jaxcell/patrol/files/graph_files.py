@@ -114,9 +114,8 @@ def _undirected(ways: Ways, measured: bool, directed: str) -> Graph:
     order = np.argsort(key)
     at = order[np.searchsorted(key, back, sorter=order).clip(max=key.size - 1)]
     if count := int((key[at] != back).sum()):
-        raise ValueError(
-            f"{directed}: {count:,} of its {key.size:,} ways have no way back; {_DIRECTED}"
-        )
+        why = f"{count:,} of its {key.size:,} ways have no way back"
+        raise ValueError(f"{directed}: {why}; {_DIRECTED}")
     if ways.lengths is not None and (ways.lengths[at] != ways.lengths).any():
         raise ValueError(f"{directed}: ways back have other lengths; {_DIRECTED}")
     first = np.flatnonzero(np.arange(key.size) < at)
@@ -229,12 +228,11 @@ def checked_parts(
         on_earth = None if in_plane else degrees(attributes)
         xy.append(_position(field, attributes, on_earth) if in_plane or on_earth else None)
         geographic.append(on_earth is not None)
-    if any(geographic) and not all(geographic):
-        field = vertices[geographic.index(False)].field
-        raise ValueError(f"{field}: it has no longitude and latitude, but other vertices have")
-    if None in xy and any(place is not None for place in xy):
-        field = vertices[xy.index(None)].field
-        raise ValueError(f"{field}: it has no position x, y, but other vertices have")
+    placed = [place is not None for place in xy]
+    for have, what in ((geographic, "longitude and latitude"), (placed, "position x, y")):
+        if any(have) and not all(have):
+            field = vertices[have.index(False)].field
+            raise ValueError(f"{field}: it has no {what}, but other vertices have")
     if len(numbers) < 2:
         raise ValueError(f"expected at least 2 vertices, got {len(numbers)}")
     if not edges:

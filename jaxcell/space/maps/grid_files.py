@@ -56,19 +56,13 @@ def parse_ascii(text: str, crop: Crop = None) -> dict[str, Any]:
     for number, row in enumerate(rows, first + 1):
         for column, character in enumerate(row, 1):
             if character not in _BLOCKED + _FREE:
-                raise ValueError(
-                    f"line {number}, column {column}: expected one of '{_BLOCKED}' (blocked) "
-                    f"or '{_FREE}' (free), got {character!r}"
-                )
+                expected = f"expected one of '{_BLOCKED}' (blocked) or '{_FREE}' (free)"
+                raise ValueError(f"line {number}, column {column}: {expected}, got {character!r}")
         if len(row) != len(rows[0]):
-            raise ValueError(
-                f"line {number}: the row has {len(row)} squares, "
-                f"but the first row, line {first + 1}, has {len(rows[0])}"
-            )
+            other = f"but the first row, line {first + 1}, has {len(rows[0])}"
+            raise ValueError(f"line {number}: the row has {len(row)} squares, {other}")
     blocked = np.array([[character in _BLOCKED for character in row] for row in rows[::-1]])
-    fields: dict[str, Any] = {}
-    if "name" in header:
-        fields["name"] = header["name"]
+    fields: dict[str, Any] = {"name": header["name"]} if "name" in header else {}
     if "robot_radius" in header:
         fields["robot_radius"] = read_number("robot_radius", header["robot_radius"])
     if "directions" in header:
@@ -95,16 +89,14 @@ def parse_moving_ai(text: str, crop: Crop = None) -> dict[str, Any]:
     rows = body.rstrip("\n").split("\n")
     for name, number in (("height", len(rows)), ("width", len(rows[0]))):
         if sizes.get(name, "").strip() != str(number):
-            raise ValueError(
-                f"{name}: expected {number} as in the rows below, got {sizes.get(name)}"
-            )
+            got = f"got {sizes.get(name)}"
+            raise ValueError(f"{name}: expected {number} as in the rows below, {got}")
     for number, row in enumerate(rows, 1):
         wrong = next((square for square in row if square not in ".GS@OTW"), None)
         if wrong is not None or len(row) != len(rows[0]):
             got = f"{len(row)} squares" if wrong is None else repr(wrong)
-            raise ValueError(
-                f"row {number}: expected {len(rows[0])} squares among .GS@OTW, got {got}"
-            )
+            expected = f"{len(rows[0])} squares among .GS@OTW"
+            raise ValueError(f"row {number}: expected {expected}, got {got}")
     blocked = np.array([[square in "@OTW" for square in row] for row in rows[::-1]])
     return grid_fields(blocked, (0.0, 0.0), 1.0, crop=crop)
 
@@ -131,10 +123,8 @@ def _read_header_line(line: str, number: int, header: dict[str, str]) -> None:
         return
     key, _, value = line[1:].strip().partition(" ")
     if key not in _HEADER:
-        raise ValueError(
-            f"line {number}: {reprlib.repr(key)}: unknown; expected {', '.join(_HEADER)}, "
-            "or ';;' before a remark"
-        )
+        expected = f"{', '.join(_HEADER)}, or ';;' before a remark"
+        raise ValueError(f"line {number}: {reprlib.repr(key)}: unknown; expected {expected}")
     if key in header:
         raise ValueError(f"line {number}: {key!r} is given twice")
     header[key] = value.strip()
@@ -179,9 +169,8 @@ def grid_fields(
     corners, starts = blocked_rings(blocked)
 
     def place(squares: np.ndarray) -> np.ndarray:
-        return np.array(origin) + (
-            cell * (squares + low) if yaw == 0 else cell * (squares + low) @ turn.T
-        )
+        away = cell * (squares + low)
+        return np.array(origin) + (away if yaw == 0 else away @ turn.T)
 
     return {
         "boundary": place(rectangle),

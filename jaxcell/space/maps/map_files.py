@@ -55,9 +55,8 @@ def read_map(
     try:
         if suffix in _PLAN_SUFFIXES:
             if crop is not None:
-                raise ValueError(
-                    "`crop` has no effect; expected a map of squares: .yaml, .txt or .map"
-                )
+                why = "`crop` has no effect; expected a map of squares: .yaml, .txt or .map"
+                raise ValueError(why)
             fields = parse_json(read_text(path), path.name)
         elif suffix in _MAP_SERVER_SUFFIXES:
             from .map_server import parse_map_server
@@ -114,14 +113,15 @@ def write_map(
 def parse_json(text: str, file: str = "map") -> dict[str, Any]:
     """Read a map in JSON, and return keyword arguments of `Workspace`, with lengths in metres."""
     document = decode_json(text, "a map")
-    if isinstance(document, dict) and "nodes" in document:
+    document = document if isinstance(document, dict) else {}
+    if "nodes" in document:
         raise ValueError("it is a graph, not a map; study.PatrolGraph and load_graph take it")
-    if isinstance(document, dict) and "verts" in document:
+    if "verts" in document:
         boundary = _vertices("verts", document["verts"], "m")
         return {"boundary": boundary, "name": str(document.get("id", file))}
-    if isinstance(document, dict) and (plan := plan_fields(document, file)):
+    if plan := plan_fields(document, file):
         return plan
-    if not isinstance(document, dict) or document.get("format") != "jaxcell-map":
+    if document.get("format") != "jaxcell-map":
         raise ValueError(
             'format: expected an object with "format": "jaxcell-map", GeoJSON of polygons, or a '
             "plan of HouseExpo with verts"
@@ -175,11 +175,8 @@ def format_json(fields: Mapping[str, Any]) -> str:
 
 
 def _vertices(field: str, value: object, units: str) -> list[list[float]]:
-    vertices = []
-    for i, pair in enumerate(checked_list(field, value)):
-        both = checked_pair(f"{field}[{i}]", pair)
-        vertices.append([_length(f"{field}[{i}]", number, units) for number in both])
-    return vertices
+    pairs = ((f"{field}[{i}]", pair) for i, pair in enumerate(checked_list(field, value)))
+    return [[_length(at, one, units) for one in checked_pair(at, pair)] for at, pair in pairs]
 
 
 def _length(field: str, value: object, units: str) -> float:

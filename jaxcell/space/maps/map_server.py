@@ -191,30 +191,27 @@ def _free_pixels(
         counts += np.bincount(grey.ravel(), minlength=256)
         masks.append(mask)
         greys.append(grey)
-    if clear_count:
-        doubt = (
-            f"{path}: {clear_count:,} pixels that are not opaque are free, as in ROS 1; nav2 takes "
-            "them as unknown: add mode: trinary to the .yaml file for that"
-        )
-        warn(doubt, Doubt)
-    if odd_count:
-        doubt = (
-            f"{path}: {odd_count:,} pixels of 101 to 254 are unknown, because the mode is raw; if "
-            "white means free, write mode: trinary in the .yaml file"
-        )
-        warn(doubt, Doubt)
+    doubts = {
+        "that are not opaque are free, as in ROS 1; nav2 takes them as unknown: add mode: trinary "
+        "to the .yaml file for that": clear_count,
+        "of 101 to 254 are unknown, because the mode is raw; if white means free, write mode: "
+        "trinary in the .yaml file": odd_count,
+    }
     for each in _UNKNOWN_GREYS if mode != "raw" else ():
         # A map of many greys, in which this grey means a probability, has its neighbours as well.
         beside = [near for near in (each - 1, each + 1) if near not in _UNKNOWN_GREYS]
         if counts[each] > counts[beside].sum():
             for mask, grey in zip(masks, greys, strict=True):
                 mask &= grey != each
-            doubt = (
-                f"{path}: {counts[each]:,} pixels of grey {each} are walls: free_thresh {free:g} "
-                "takes them as free, but savers of maps write this grey for unknown; to make all "
-                'unknown pixels free, use `unknown="free"`'
+            why = (
+                f"of grey {each} are walls: free_thresh {free:g} takes them as free, but savers of "
+                "maps write this grey for unknown; to make all unknown pixels free, use "
+                '`unknown="free"`'
             )
-            warn(doubt, Doubt)
+            doubts[why] = int(counts[each])
+    for why, count in doubts.items():
+        if count:
+            warn(f"{path}: {count:,} pixels {why}", Doubt)
     return np.concatenate(masks)
 
 

@@ -48,8 +48,7 @@ def plan_fields(document: Mapping[str, Any], file: str) -> dict[str, Any]:
         polygons = shapely.transform(polygons, lambda xy: (xy - middle) * scale).tolist()
         warn(f"{file}: x and y are taken as degrees, as metres they are below 10 cm", Doubt)
     outer, *inner = polygons
-    outside = sum(not outer.envelope.covers(polygon.envelope) for polygon in inner)
-    if outside:
+    if outside := sum(not outer.envelope.covers(polygon.envelope) for polygon in inner):
         raise ValueError(
             f"{outside:,} of {len(polygons):,} polygons are outside the largest; expected one "
             "around all others, such as the outline of the building; of rooms that touch, save the "
