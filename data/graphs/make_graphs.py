@@ -4,6 +4,7 @@ The files have the same bytes on every machine. README.md describes each graph.
 """
 
 import itertools
+import json
 import math
 import random
 import sys
@@ -12,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol.files.graph_saving import save_graph
 
 
 def eight() -> Graph:
@@ -84,7 +84,14 @@ def main(folder: Path) -> None:
     for name, make in graphs.items():
         graph = make()
         names = [str(v + 1) for v in range(graph.vertices)]
-        save_graph(graph, folder / f"{name}.json", names)
+        places = zip(names, graph.xy.tolist(), strict=True)
+        nodes = [{"id": vertex, "x": x, "y": y} for vertex, (x, y) in places]
+        edges = [{"source": names[i], "target": names[j]} for i, j in graph.edges.tolist()]
+        members = ['"directed": false', '"multigraph": false', '"graph": {}']
+        for key, parts in (("nodes", nodes), ("edges", edges)):
+            lines = ",\n    ".join(map(json.dumps, parts))
+            members.append(f'"{key}": [\n    {lines}\n  ]')
+        (folder / f"{name}.json").write_text("{\n  " + ",\n  ".join(members) + "\n}\n")
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ A time is a number of steps, unless edges have travel times.
 
 The main names are in this package; the packages below contain all names, and define the terms:
 
-- `patrol.files`: a `Graph`, `load_graph`, `save_graph`, and files with a number per vertex.
+- `patrol.files`: a `Graph`, `load_graph`, and files with a number per vertex.
 - `patrol.walks`: walks on a graph, such as the `random_walk` with given weights and the walk
     `toward` a vertex; walks that optimise a measure, such as `maximin_capture`; the
     `strategy_game` against an adversary; and `GraphPatrol`, the result for datasets and recordings.

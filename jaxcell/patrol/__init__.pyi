@@ -7,7 +7,7 @@ from . import (
     team as team,
     walks as walks,
 )
-from .files import Graph as Graph, load_graph as load_graph, save_graph as save_graph
+from .files import Graph as Graph, load_graph as load_graph
 from .law import Gld as Gld, fit_gld as fit_gld
 from .map import (
     Attack as Attack,

@@ -4,6 +4,5 @@ from .graph_files import (
     load_graph as load_graph,
     load_ways as load_ways,
 )
-from .graph_saving import save_graph as save_graph
 from .problems import WalkProblem as WalkProblem, load_problem as load_problem
 from .values import load_stakes as load_stakes, load_values as load_values

@@ -178,11 +178,8 @@ class Driver:
             self._wheels = (0, 0)
             self._write(_STILL)
 
-    def _after(self, reading: Reading, steady: float = 0.0) -> Reading:
-        """Wait for a reading newer than `reading`.
-
-        The caller will keep its speeds for `steady` seconds, so a simulation may skip readings.
-        """
+    def _after(self, reading: Reading) -> Reading:
+        """Wait for a reading newer than `reading`."""
         self._wait(lambda: self._reading is not reading, self._patience)
         return self.sensors()
 

@@ -150,7 +150,7 @@ class Create(Driver):
                         return Moved(way.real, turned, self._bumped, way.imag)
                 if self._now() > end:
                     raise RobotStopped(f"{what}: {rest():.3g} are left after {timeout:.3g} s")
-                now = self._after(now, abs(rest()) / speed - _SLOWING)
+                now = self._after(now)
         finally:
             self.stop()
 

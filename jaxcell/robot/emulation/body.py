@@ -105,11 +105,6 @@ class Body:
         self._stretch = (0, 0)
         self._slip = (0.0, 0.0)
 
-    @property
-    def glide(self) -> float:
-        """The seconds for which the body will surely roll steadily: 0, because steps draw noise."""
-        return 0.0
-
     @classmethod
     def in_cell(cls, cells: CellSpace, cell: int, error: float, rng: np.random.Generator) -> "Body":
         """Create a body at the centre of a cell, whose `error` is the same for all its motions.

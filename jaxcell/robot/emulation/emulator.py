@@ -44,10 +44,6 @@ class Moving(Protocol):
     def bump_right(self) -> bool:
         """True if the right half of the bumper is pressed."""
 
-    @property
-    def glide(self) -> float:
-        """The seconds for which the body will roll steadily and touch no wall; 0 if unknown."""
-
     def advance(self, left: float, right: float, seconds: float) -> None:
         """Turn the left wheel at `left` m/s and the right wheel at `right` m/s for `seconds`."""
 
@@ -135,11 +131,6 @@ class Emulator:
         """The pose of the body: x and y in metres, and the heading in radians."""
         with self._lock:
             return self.body.pose
-
-    @property
-    def glide(self) -> float:
-        """The seconds for which the body will roll steadily; 0 while a command is pending."""
-        return 0.0 if self._pending else self.body.glide
 
     def __enter__(self) -> "Emulator":
         self._master, self._slave = os.openpty()

@@ -8,13 +8,8 @@ from ...base.process import end_by_signals
 from ..create.driver import TICK
 from ..create.motion import Create
 from ..create.open_interface import STREAM_PERIOD, StreamParser
-from ..create.reading import STREAM, Reading
+from ..create.reading import STREAM
 from .emulator import Emulator, Moving
-
-
-# The longest time between two readings of a robot that rolls steadily, in seconds of the robot and
-# of the clock.
-_GLIDE, _LOOK = 0.3, 0.03
 
 
 class SimulatedCreate(Create):
@@ -22,8 +17,7 @@ class SimulatedCreate(Create):
 
     The driver, its commands and the frames of the robot are the same as with a serial line, but
     there is no line, no thread and no watchdog process. Time passes only when the driver waits for
-    the robot, so that runs are reproducible on any machine. While a robot in the physics engine
-    rolls steadily, frames are skipped to save time.
+    the robot, so that runs are reproducible on any machine.
     """
 
     robot: Emulator
@@ -45,13 +39,6 @@ class SimulatedCreate(Create):
     def sleep(self, seconds: float) -> None:
         """Advance the time of the robot."""
         self._wait(lambda: False, seconds)
-
-    def _after(self, reading: Reading, steady: float = 0.0) -> Reading:
-        # All frames of a free roll show the same motion, so only the last one is read.
-        glide = min(steady, self.robot.glide, _GLIDE, _LOOK * self._speedup)
-        if (frames := math.floor(glide / STREAM_PERIOD)) > 1:
-            self._pass((frames - 1) * STREAM_PERIOD)
-        return super()._after(reading)
 
     def _connect(self) -> None:
         self._handled = end_by_signals()

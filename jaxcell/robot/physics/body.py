@@ -8,9 +8,10 @@ from ...space import Workspace
 from ...space.workspace import edges
 from ..create.packets import METRES_PER_COUNT
 from .model import RADIUS, WHEEL, Physics, robot_model
-from .rolling import ROLL, SHELL, heading_of, lag_rate, roll_on
 
 
+_ROLL, _SHELL = slice(7, 9), slice(9, 11)
+"The slices of the engine's positions `qpos` for the wheels and the bumper."
 # The number of steps of the engine between two readings of the heading, which is unwrapped; the
 # robot turns by much less than half a turn in them.
 _TOGETHER = 50
@@ -18,9 +19,6 @@ _TOGETHER = 50
 _ROUNDING = 1e-6
 # The distance of a wall from the shell beyond which the shell cannot touch it, in metres.
 _CLEAR = 0.01
-# The seconds at constant speed after which only the lag of the wheels changes, and the shortest
-# time that is computed in closed form.
-_SETTLED, _LEAP = 0.1, 0.01
 # The engine contains the walls up to this distance from the shell, which are chosen again after a
 # drive of the second distance, in metres.
 _NEAR, _AGAIN = 0.3, 0.2
@@ -52,7 +50,6 @@ class PhysicsBody:
         physics: Physics | None = None,
         *,
         rng: np.random.Generator | None = None,
-        leaps: bool = True,
     ) -> None:
         """**Arguments:**
 
@@ -60,8 +57,6 @@ class PhysicsBody:
         - `pose`: x and y in metres, and the heading in radians.
         - `physics`: the assumptions about the robot, the floor and the walls.
         - `rng`: the random generator for the radii of the wheels.
-        - `leaps`: if true, a robot that rolls steadily far from walls is moved in closed form,
-            instead of by many steps of the engine.
         """
         self.physics = physics or Physics()
         place, free = shapely.Point(pose[:2]), workspace.environment
@@ -85,9 +80,9 @@ class PhysicsBody:
         self._walls = shapely.linestrings(edges(workspace.environment)[:, 1:])
         boxes = self._model.geom_type == self._engine.mjtGeom.mjGEOM_BOX
         self._boxes = np.flatnonzero(boxes)
-        self._leaps, self._turned = leaps, pose[2]
+        self._turned = pose[2]
         self._survey()
-        self._speeds, self._owed, self._steady = (0.0, 0.0), 0.0, 0.0
+        self._speeds, self._owed = (0.0, 0.0), 0.0
         self.touches: list[tuple[float, float, float]] = []
         "The time in seconds, x and y of the contact with a wall at the end of each tick, if any."
 
@@ -98,7 +93,7 @@ class PhysicsBody:
 
     @property
     def counts(self) -> tuple[int, int]:
-        left, right = self._data.qpos[ROLL].tolist()
+        left, right = self._data.qpos[_ROLL].tolist()
         count = WHEEL / METRES_PER_COUNT
         return math.floor(left * count) % 65536, math.floor(right * count) % 65536
 
@@ -109,10 +104,6 @@ class PhysicsBody:
     @property
     def bump_right(self) -> bool:
         return self._pressed(-1)
-
-    @property
-    def glide(self) -> float:
-        return 0.0 if self._rate is None else self._free_seconds
 
     def advance(self, left: float, right: float, seconds: float) -> None:
         self._owed += seconds
@@ -132,41 +123,16 @@ class PhysicsBody:
             self._data.ctrl[:] = [speed / WHEEL for speed in self._speeds for _ in range(2)]
             if math.dist(self._looked, self.pose[:2]) > _AGAIN:
                 self._survey()
-            taken = self._leap(steps) if ramped else 0
-            if not taken:
-                taken = min(steps, _TOGETHER) if ramped else 1
-                self._engine.mj_step(self._model, self._data, taken)
-                self._turned += math.remainder(heading_of(self._data) - self._turned, math.tau)
-            self._steady = self._steady + taken * step if ramped else 0.0
+            taken = min(steps, _TOGETHER) if ramped else 1
+            self._engine.mj_step(self._model, self._data, taken)
+            self._turned += math.remainder(self._heading() - self._turned, math.tau)
             steps -= taken
         if self._room - math.dist(self._looked, self.pose[:2]) < _CLEAR:
             self._touch()
 
-    def _leap(self, most: int) -> int:
-        """Compute up to `most` steps of steady rolling in closed form, and return their number."""
-        step, rate = self.physics.time_step, self._rate
-        if rate is None:
-            return 0
-        steps = min(most, math.floor(self._free_seconds / step))
-        if steps * step < _LEAP:
-            return 0
-        self._turned += roll_on(
-            self._data, self._speeds, steps * step, rate=rate, stiffness=self.physics.stiffness
-        )
-        return steps
-
-    @property
-    def _rate(self) -> float | None:
-        """The result of `lag_rate`; `None` without `leaps`, or soon after a new speed."""
-        leaps = self._leaps and self._steady > _SETTLED
-        return lag_rate(self._data, self._speeds) if leaps else None
-
-    @property
-    def _free_seconds(self) -> float:
-        """A lower bound on the seconds until the body can touch a wall."""
-        self._survey()
-        speed = math.hypot(*self._data.qvel[:2].tolist())
-        return max(0.0, self._room - _CLEAR) / max(speed, 0.01)
+    def _heading(self) -> float:
+        w, i, j, k = self._data.qpos[3:7].tolist()
+        return math.atan2(2 * (w * k + i * j), 1 - 2 * (j * j + k * k))
 
     def _survey(self) -> None:
         """Find the distance to the nearest wall, and make the engine ignore the far walls.
@@ -181,7 +147,7 @@ class PhysicsBody:
 
     def _pressed(self, side: int) -> bool:
         """Check whether the left (`side` 1) or right (`side` -1) half of the bumper is pressed."""
-        ahead, left = self._data.qpos[SHELL].tolist()
+        ahead, left = self._data.qpos[_SHELL].tolist()
         return -(ahead + side * left) / math.sqrt(2) >= self.physics.threshold
 
     def _touch(self) -> None:

@@ -185,47 +185,6 @@ def test_a_start_in_a_wall_is_refused(place):
         PhysicsBody(HALL, (*place, 0.0))
 
 
-@pytest.mark.parametrize("degrees", [0, 45, -60])
-def test_a_bump_after_a_leap_agrees_with_a_bump_after_steps(degrees):
-    def mean_bump(leaps: bool) -> np.ndarray:
-        start, ends = toward_the_north_wall(math.radians(degrees), 1.0), []
-        for distance in (0.0, 0.001, 0.002):
-            place = start[0], start[1] - distance, start[2]
-            robot = driven(PhysicsBody(HALL, place, leaps=leaps))
-            assert robot.forward(2.0).bumped
-            ends.append(robot.robot.pose)
-        return np.mean(ends, axis=0)
-
-    stepped, leapt = mean_bump(False), mean_bump(True)
-    assert leapt[:2] == pytest.approx(stepped[:2], abs=0.0005)
-    assert leapt[2] == pytest.approx(stepped[2], abs=math.radians(0.05))
-
-
-@pytest.mark.parametrize("wheels", [(0.2, 0.2), (-0.2, -0.2), (0.082, -0.082), (0.2, 0.198)])
-def test_a_leap_agrees_with_the_steps_of_the_engine(wheels):
-    ends = []
-    for leaps in (False, True):
-        body = PhysicsBody(HALL, (0.0, 0.0, 0.3), leaps=leaps)
-        for _ in range(12):
-            body.advance(*wheels, 0.3)
-        body.advance(0.0, 0.0, 0.45)
-        ends.append((*body.pose, *body.counts))
-    assert ends[1][:3] == pytest.approx(ends[0][:3], abs=0.0004)
-    assert ends[1][3:] == pytest.approx(ends[0][3:], abs=1)
-
-
-def test_a_robot_leaps_only_while_it_rolls_steadily_out_of_reach_of_walls():
-    body = PhysicsBody(HALL, (5.0, 0.0, 0.0))
-    glides = []
-    for _ in range(400):
-        body.advance(0.2, 0.2, 0.015)
-        glides.append(0.2 * body.glide - max(0.0, 6 - RADIUS - 0.01 - body.pose[0]))
-    assert max(glides) < 0.001
-    assert body.bump_left
-    assert body.glide == 0
-    assert PhysicsBody(HALL, (0.0, 0.0, 0.0), leaps=False).glide == 0
-
-
 @pytest.mark.parametrize("degrees", [0, 30, -45, 60])
 def test_wheels_skid_at_a_bump_by_the_squared_cosine_of_the_incidence(degrees):
     start = toward_the_north_wall(math.radians(degrees), 0.3)
