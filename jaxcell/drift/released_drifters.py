@@ -243,7 +243,8 @@ def met_in(
     """
     first, at_coast = next(looks), np.append(coast(water), False)
     shapely.prepare(regions)
-    reached, last, kept = np.full((len(regions) + 1, first.cell.size), np.inf), first, []
+    reached, last = np.full((len(regions) + 1, first.cell.size), np.inf), first
+    kept: list[Look] = []
     shore, place = np.full(first.cell.size, -1), np.stack(in_degrees(water, first.x, first.y))
     with stoppable(lambda: kept):
         for look in itertools.chain([first], looks):

@@ -1,4 +1,4 @@
-"""Where drifters come from that are found at a place, and releases repeated over some days."""
+"""Tests of the sources of drifters that are found at a place, and of repeated releases."""
 
 import numpy as np
 import pytest

@@ -126,7 +126,8 @@ class Released(InOneLayer):
         names = np.array([*names, "a square at the coast"])
         more: Any = {"afloat": afloat, "stranded": stranded}
         begin, _ = water.at(*square(*points))
-        share, parts = np.bincount(begin, minlength=water.cells) / begin.size, []
+        share = np.bincount(begin, minlength=water.cells) / begin.size
+        parts: list[Release] = []
         place, hours = water.centre(share), np.array(times, float) / 3600
         if found is not None:
             drifters, by_chain, about["tried"] = find_sources(
@@ -316,7 +317,7 @@ class Released(InOneLayer):
             if not np.isnan(self._arrival_hours[row, 0]):
                 first, half, last = map(in_time, self._arrival_hours[row].tolist())
                 text += f"; of those that {come} {first}, half {half}, nine tenths {last}"
-            if self.start_arrival is not None:
+            if self.start_arrival is not None and self.arrival[row]:
                 by_start = self.start_arrival[:, row]
                 text += f"; by release from {percent(by_start.min())} to {percent(by_start.max())}"
             lines.append(text)

@@ -100,7 +100,8 @@ class Drift(CurrentStudy):
     goal: str | None = None
     """Goal of a drifter that may change its depth, "lon,lat,depth" in degrees and metres."""
     regions: Path | None = None
-    """GeoJSON file of polygons, to compute the exchange of surface drifters between them."""
+    """GeoJSON file of polygons, to compute the exchange of surface drifters between them. The cells
+    of a polygon are those whose centre is in it."""
     drifters: Annotated[AtLeastOne, Only(regions=True)] = 10_000
     """Number of drifters to simulate from each region, for confidence intervals."""
     after: Annotated[Duration, Only(regions=True), Only(beaching=True)] = 432_000.0

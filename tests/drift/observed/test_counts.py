@@ -311,3 +311,11 @@ def test_a_copy_of_the_file_is_counts_too(tmp_path):
     found = study.Drifters(file=(tmp_path / "mine.npz",), after=30.0, least=100).run()
     assert (found.counts.total >= 100).all()
     assert found.hours[-1] == 30 * 24
+
+
+def test_least_is_refused_for_shares(tmp_path):
+    shares = scipy.sparse.csr_array(np.array([[0.5, 0.5], [0.2, 0.8]]))
+    matrix = {name: getattr(shares, name) for name in ("data", "indices", "indptr")}
+    np.savez(tmp_path / "shares.npz", lon=[0.0, 1.0], lat=[0.0, 0.0], days=5.0, **matrix)
+    with pytest.raises(ValueError, match="least: it has no effect on shares of moves, got 5"):
+        study.Drifters(file=(tmp_path / "shares.npz",), least=5).run()
