@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from types import FrameType
 from typing import Any
 
@@ -176,6 +176,8 @@ _postponed: collections.Counter[int] = collections.Counter()
 _raised: list[int] = []
 _sent_again: set[int] = set()
 _watch: object | None = None
+# The exit statuses of signals that ended a part of a command early; `None` if parts are not kept.
+_stopped: list[int] | None = None
 
 
 def _send_again(number: int, seconds: float, watch: object | None = None) -> None:
@@ -228,6 +230,33 @@ def signals_sent_again() -> Iterator[None]:
     finally:
         sys.unraisablehook, _watch = before, None
         _raised.clear()
+
+
+@contextlib.contextmanager
+def parts_kept() -> Iterator[list[int]]:
+    """Let Ctrl-C or SIGTERM end only blocks of [`stoppable`][]; yields their exit statuses."""
+    global _stopped
+    _stopped = []
+    try:
+        yield _stopped
+    finally:
+        _stopped = None
+
+
+@contextlib.contextmanager
+def stoppable(has_parts: Callable[[], object] = lambda: True) -> Iterator[None]:
+    """End a `with` block early at Ctrl-C or SIGTERM if a command keeps parts and there are some.
+
+    In a program, or without parts, the exception goes on.
+    """
+    try:
+        yield
+    except (KeyboardInterrupt, SystemExit) as error:
+        if _stopped is None or not has_parts():
+            raise
+        _stopped.append(exit_status(error))
+        _received.clear()
+        keep_running()
 
 
 def raise_lost_signal() -> None:

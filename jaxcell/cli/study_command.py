@@ -13,7 +13,7 @@ import tyro
 from ..base.memory import check_addresses, gigabytes
 from ..base.optional_modules import has_module, missing_module
 from ..base.paths import name_in_results
-from ..base.process import raise_lost_signal
+from ..base.process import parts_kept, raise_lost_signal
 from ..base.quantities import Result
 from ..base.results import Manifest, current_run, result_folder
 from ..study import STUDIES, Study
@@ -113,9 +113,12 @@ class StudyCommand(Printing):
                         note(f"{self.command} needs about {gigabytes(needed)} of memory")
                 with starting():
                     from .. import record  # noqa: F401
-                with stdout_on_stderr(), progress(self.command) as show:
+                with stdout_on_stderr(), progress(self.command) as show, parts_kept() as stopped:
                     result, summary = self.answer(show)
             raise_lost_signal()
+            if stopped:
+                note("Stopped: the answer is of what was computed until then.")
+                summary["stopped"] = True
         except RuntimeError as error:
             note(f"jaxcell {self.command}: {error}")
             return 1
@@ -130,7 +133,7 @@ class StudyCommand(Printing):
             if remark not in noted:
                 note(remark)
         agrees = verified is None or _report(self.command, verified, quiet=self.json)
-        return 0 if agrees and result.answered else 1
+        return stopped[0] if stopped else int(not (agrees and result.answered))
 
     def _print(self, question: Study, result: Result, summary: dict[str, Any]) -> None:
         drawn = question.at_once(result)

@@ -12,6 +12,7 @@ import scipy.sparse
 import shapely
 from jaxtyping import Bool, Float, Int
 
+from ..base.process import stoppable
 from ..base.shown import Shown
 from ..currents.sphere import wrapped
 from ..mapping import Chain
@@ -237,30 +238,36 @@ def met_in(
 ) -> Release:
     """Keep where drifters are at some times and when they first arrive, from looks at them.
 
-    If drifters strand, the shore of a drifter is the cell where it has stranded at the end.
+    If drifters strand, the shore of a drifter is the cell where it has stranded at the end. After
+    Ctrl-C there are only the times until then.
     """
     first, at_coast = next(looks), np.append(coast(water), False)
     shapely.prepare(regions)
-    reached, last, kept = np.full((len(regions) + 1, first.cell.size), np.inf), first, []
+    reached, last = np.full((len(regions) + 1, first.cell.size), np.inf), first
+    kept: list[Look] = []
     shore, place = np.full(first.cell.size, -1), np.stack(in_degrees(water, first.x, first.y))
-    for look in itertools.chain([first], looks):
-        length, begin = look.seconds - last.seconds, place
-        place = np.stack(in_degrees(water, look.x, look.y))
-        for when, region in zip(reached, regions, strict=False):
-            new = np.flatnonzero(np.isinf(when))
-            before = _first_within(region, begin[:, new], place[:, new])
-            met = np.isfinite(before)
-            when[new[met]] = last.seconds + length * before[met]
-        for part in _PARTS:
-            x, y = last.x + part * (look.x - last.x), last.y + part * (look.y - last.y)
-            cell = look.cell if part == 1 else water.at(*square(x, y))[0]
-            ashore = (shore < 0) & at_coast[cell]
-            shore[ashore], reached[-1, ashore] = cell[ashore], last.seconds + part * length
-        if np.isclose(look.seconds, times, rtol=1e-9).any():
-            kept.append(look)
-        last = look
+    with stoppable(lambda: kept):
+        for look in itertools.chain([first], looks):
+            length, begin = look.seconds - last.seconds, place
+            place = np.stack(in_degrees(water, look.x, look.y))
+            for when, region in zip(reached, regions, strict=False):
+                new = np.flatnonzero(np.isinf(when))
+                before = _first_within(region, begin[:, new], place[:, new])
+                met = np.isfinite(before)
+                when[new[met]] = last.seconds + length * before[met]
+            for part in _PARTS:
+                x, y = last.x + part * (look.x - last.x), last.y + part * (look.y - last.y)
+                cell = look.cell if part == 1 else water.at(*square(x, y))[0]
+                ashore = (shore < 0) & at_coast[cell]
+                shore[ashore], reached[-1, ashore] = cell[ashore], last.seconds + part * length
+            if np.isclose(look.seconds, times, rtol=1e-9).any():
+                kept.append(look)
+            last = look
+    end = kept[-1]
+    reached[reached > end.seconds] = np.inf
+    shore[np.isinf(reached[-1])] = -1
     if strands:
-        shore = np.where(look.stranded, look.cell, -1)
+        shore = np.where(end.stranded, end.cell, -1)
     _, x, y, cell, stranded = map(np.stack, zip(*kept, strict=True))
     return Release(x, y, cell, stranded, reached, shore)
 

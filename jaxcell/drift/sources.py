@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
+from ..base.process import stoppable
 from .flow import Flow
 from .released_drifters import (
     Area,
@@ -39,10 +40,9 @@ def find_sources(
     times: Sequence[float],
     regions: Sequence[shapely.Geometry] | np.ndarray = (),
     *,
-    count: int,
-    halves: dict[str, float],
     seed: int = 0,
     say: Callable[..., None] = lambda *_: None,
+    **halves: float,
 ) -> tuple[Release, Float[np.ndarray, "times cells"], int]:
     """Follow drifters to a place where they are found, and look back at where they were.
 
@@ -54,10 +54,9 @@ def find_sources(
     **Arguments:**
 
     - `water`, `flow`, `regions`, `seed`, `say`: as for [`release_drifters`][].
-    - `found`: the place; and `points` in it, uniform by area, in columns and rows.
+    - `found`: the place; and `points` in it, uniform by area, as many as drifters are to be found.
     - `end`: the time when they are found, in seconds as in `Flow.time`.
     - `times`: the times before that are kept, in seconds, ascending; the last is the release.
-    - `count`: the number of drifters to find.
     - `halves`: the half-lives `afloat` and `stranded` of [`release_drifters`][].
 
     **Returns:** the drifters that were found, whose times run back from `end`; the same shares by
@@ -65,34 +64,35 @@ def find_sources(
 
     **Raises:** `ValueError` if no drifter is found.
     """
-    area = water.sides.prod(axis=0)
+    area, count = water.sides.prod(axis=0), points.shape[1]
     after = [times[-1] - time for time in reversed([0.0, *times])]
     start = end - times[-1]
     say("mapping the sources on cells")
     by_chain = _by_chain(water, flow, points, [start + time for time in after], halves, area)
     cells = np.flatnonzero(likely(by_chain[-1], _PART))
     if not cells.size:
-        raise ValueError("no drifter comes there from the water of the map in this time")
+        raise ValueError("start: no drifter comes there from the water of the map in this time")
     random, looks, seen = np.random.default_rng(seed), [], 0
-    for batch in range(_BATCHES):
-        origin = random.choice(cells, BATCH, p=area[cells] / area[cells].sum())
-        begin = np.stack([water.column, water.row])[:, origin]
-        begin = begin + random.uniform(-0.5, 0.5, begin.shape)
-        going: dict[str, Any] = {"tick": tick_of(water, flow), "seed": seed + batch, **halves}
-        seen_by = [*follow_drifters(water, flow, begin, start, after[1:], **going)]
-        here = found(seen_by[-1].x, seen_by[-1].y) & (seen_by[-1].cell >= 0)
-        looks.append(
-            [Look(times[-1] - look.seconds, *(of[here] for of in look[1:])) for look in seen_by]
-        )
-        seen += int(here.sum())
-        say("following drifters to the place", min(seen, count), count)
-        if seen >= count:
-            break
-        if not seen and batch + 1 >= _IN_VAIN:
-            raise ValueError(
-                f"none of {_IN_VAIN * BATCH:,} drifters comes there; take a larger --radius, or "
-                "fewer days"
+    with stoppable(lambda: seen):
+        for batch in range(_BATCHES):
+            origin = random.choice(cells, BATCH, p=area[cells] / area[cells].sum())
+            begin = np.stack([water.column, water.row])[:, origin]
+            begin = begin + random.uniform(-0.5, 0.5, begin.shape)
+            going: dict[str, Any] = {"tick": tick_of(water, flow), "seed": seed + batch, **halves}
+            seen_by = [*follow_drifters(water, flow, begin, start, after[1:], **going)]
+            here = found(seen_by[-1].x, seen_by[-1].y) & (seen_by[-1].cell >= 0)
+            looks.append(
+                [Look(times[-1] - look.seconds, *(of[here] for of in look[1:])) for look in seen_by]
             )
+            seen += int(here.sum())
+            say("following drifters to the place", min(seen, count), count)
+            if seen >= count:
+                break
+            if not seen and batch + 1 >= _IN_VAIN:
+                raise ValueError(
+                    f"start: none of {_IN_VAIN * BATCH:,} drifters comes there; take a larger "
+                    "--radius, or fewer days"
+                )
     joined = (
         Look(
             same[0].seconds,
@@ -100,7 +100,7 @@ def find_sources(
         )
         for same in zip(*(reversed(one) for one in looks), strict=True)
     )
-    return met_in(water, joined, times, regions, False), by_chain, (batch + 1) * BATCH
+    return met_in(water, joined, times, regions, False), by_chain, len(looks) * BATCH
 
 
 def _by_chain(

@@ -186,6 +186,31 @@ def test_the_file_has_the_cells_that_hold_nine_tenths(spill, tmp_path):
     assert about["probability"] >= 0.9 * (1 - found.left[-1])
 
 
+def test_areas_across_the_date_line_are_cut_there(spill, tmp_path):
+    *_, found = spill
+    middle = float(np.degrees(np.angle(np.exp(1j * np.radians(found.centre_lon[-1])))))
+    for name, turn in (("here", 0.0), ("there", 180 - middle)):
+        water = dataclasses.replace(found.water, lon=wrapped(found.water.lon + turn))
+        record.save_release(dataclasses.replace(found, water=water), tmp_path / name)
+    here, there = (
+        [
+            shapely.geometry.shape(one["geometry"])
+            for one in json.loads((tmp_path / name).read_text())["features"]
+        ]
+        for name in ("here", "there")
+    )
+    sides = []
+    for one, cut in zip(here, there, strict=True):
+        assert cut.is_valid
+        assert cut.area == pytest.approx(one.area, rel=1e-3)
+        for part in getattr(cut, "geoms", [cut]):
+            west, _, east, _ = part.bounds
+            assert -180 <= west < east <= 180
+            assert east - west < 1
+            sides.append(east > 0)
+    assert {*sides} == {True, False}
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

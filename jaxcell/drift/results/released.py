@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 
 from ...base.formatting import counted, in_time, percent
 from ...base.intervals import clopper_pearson
+from ...base.process import stoppable
 from ...base.quantities import derived, quantity
 from ...currents.sphere import distances, on_sphere
 from ..flow import Flow
@@ -29,7 +30,6 @@ _CLOSE = 0.1
 _at = functools.partial(derived, "time")
 _on_map = functools.partial(derived, "time y x", units="1", kind="share", padding=_DRY)
 _of_region = functools.partial(derived, "region")
-_of_start = functools.partial(derived, "start")
 _of_stretch = functools.partial(derived, "stretch")
 
 
@@ -97,6 +97,7 @@ class Released(InOneLayer):
         times: Sequence[float],
         *,
         starts: Sequence[float] = (0.0,),
+        found: Area | None = None,
         regions: tuple[np.ndarray, np.ndarray] | None = None,
         afloat: float = np.inf,
         stranded: float = np.inf,
@@ -104,7 +105,7 @@ class Released(InOneLayer):
         say: Callable[..., None] = lambda *_: None,
         **about: Any,
     ) -> "Released":
-        """Simulate the drifters of a release, and push the same release through the chain.
+        """Simulate the drifters of a release or of a find, and compute the same by the chain.
 
         **Arguments:**
 
@@ -113,63 +114,45 @@ class Released(InOneLayer):
             starts divides their number, and each start has the next part of them.
         - `times`: the times of the answer after the release, in seconds, ascending.
         - `starts`: the times of the release, in seconds as in `Flow.time`.
+        - `found`: the place of a find, whose only time is in `starts`, and uniform `points` in it,
+            as many as are to be found; `times` are before it, as for `find_sources`.
         - `regions`: names, and polygons of shapely in degrees, to arrive at, beside the coast.
         - `afloat`, `stranded`: half-lives in seconds at a coast and on a beach, as for
             [`jaxcell.drift.beaching`][]; by default drifters do not strand.
         - `seed`, `say`: the seed of diffusion, and a function that is called with the progress.
         - further keywords: fields of the result.
         """
-        names, polygons = _named(regions)
-        halves, parts = {"afloat": afloat, "stranded": stranded}, []
+        names, polygons = (np.zeros(0, str), np.zeros(0, object)) if regions is None else regions
+        names = np.array([*names, "a square at the coast"])
+        more: Any = {"afloat": afloat, "stranded": stranded}
+        begin, _ = water.at(*square(*points))
+        share = np.bincount(begin, minlength=water.cells) / begin.size
+        parts: list[Release] = []
+        place, hours = water.centre(share), np.array(times, float) / 3600
+        if found is not None:
+            drifters, by_chain, about["tried"] = find_sources(
+                water, flow, found, points, starts[0], times, polygons, seed=seed, say=say, **more
+            )
+            return cls(water, hours, names, drifters, by_chain, place, **about)
         for number, start in enumerate(starts):
             one = say if len(starts) == 1 else lambda *_: None
             say(f"following drifters of {counted(len(starts), 'release')}", number, len(starts))
-            part, more = np.split(points, len(starts), axis=1)[number], {"seed": seed + number}
-            parts.append(
-                release_drifters(
-                    water, flow, part, start, times, polygons, say=one, **more, **halves
+            part, own = np.split(points, len(starts), axis=1)[number], {"seed": seed + number}
+            with stoppable(lambda: parts):
+                parts.append(
+                    release_drifters(
+                        water, flow, part, start, times, polygons, say=one, **own, **more
+                    )
                 )
-            )
-        begin, _ = water.at(*square(*points))
-        share = np.bincount(begin, minlength=water.cells) / begin.size
+            if len(parts) == number or len(parts[-1].x) < len(times):
+                break
+        parts = [part for part in parts if len(part.x) == len(times)] or parts
+        starts, times = starts[: len(parts)], times[: len(parts[0].x)]
         say("mapping the release on cells")
-        by_chain = push_release(water, flow, share, starts, times, halves)
-        hours = np.array(times, float) / 3600
+        by_chain = push_release(water, flow, share, starts, times, more)
         about["starts"] = (np.array(starts, float) - starts[0]) / 3600
-        return cls(water, hours, names, _joined(parts), by_chain, water.centre(share), **about)
-
-    @classmethod
-    def back_from(
-        cls,
-        water: Water,
-        flow: Flow,
-        found: Area,
-        points: Float[np.ndarray, "2 points"],
-        times: Sequence[float],
-        *,
-        end: float,
-        regions: tuple[np.ndarray, np.ndarray] | None = None,
-        afloat: float = np.inf,
-        stranded: float = np.inf,
-        seed: int = 0,
-        say: Callable[..., None] = lambda *_: None,
-        **about: Any,
-    ) -> "Released":
-        """Find where drifters were that are found at a place, if they may come from all the water.
-
-        **Arguments:** those of `of`, with the place as a function of columns and rows (`found`),
-        points in it, as many as are to be found, and the time of the find (`end`). `times` are
-        before it.
-        """
-        names, polygons = _named(regions)
-        drifters, by_chain, tried = find_sources(
-            water, flow, found, points, end, times, polygons, count=points.shape[1],
-            halves={"afloat": afloat, "stranded": stranded}, seed=seed, say=say,
-        )  # fmt: skip
-        begin, _ = water.at(*square(*points))
-        place = water.centre(np.bincount(begin, minlength=water.cells) / begin.size)
-        hours = np.array(times, float) / 3600
-        return cls(water, hours, names, drifters, by_chain, place, tried=tried, **about)
+        hours = hours[: len(times)]
+        return cls(water, hours, names, _joined(parts), by_chain, place, **about)
 
     @derived("", "drifters that were simulated", kind="count")
     def released(self) -> int:
@@ -254,17 +237,12 @@ class Released(InOneLayer):
         lambda found: found._arrival_hours[:, 2]
     )
 
-    @_of_start("date (UTC)", kind="text")
+    @derived("start", "date (UTC)", kind="text")
     def start_date(self) -> np.ndarray | None:
         if self.on is None or self.starts.size == 1:
             return None
         after = np.round(self.starts * 3600).astype("timedelta64[s]")
         return np.datetime_as_string(self.on.astype("datetime64[s]") + after, unit="m")
-
-    start_lon = _of_start("mean longitude at the end of drifters on the map", "degrees_east")(
-        lambda found: found._by_start[0]
-    )
-    start_lat = _of_start("mean latitude", "degrees_north")(lambda found: found._by_start[1])
 
     @derived("start region", "probability of an arrival, by release", "1", kind="share")
     def start_arrival(self) -> Float[np.ndarray, "starts regions"] | None:
@@ -339,7 +317,7 @@ class Released(InOneLayer):
             if not np.isnan(self._arrival_hours[row, 0]):
                 first, half, last = map(in_time, self._arrival_hours[row].tolist())
                 text += f"; of those that {come} {first}, half {half}, nine tenths {last}"
-            if self.start_arrival is not None:
+            if self.start_arrival is not None and self.arrival[row]:
                 by_start = self.start_arrival[:, row]
                 text += f"; by release from {percent(by_start.min())} to {percent(by_start.max())}"
             lines.append(text)
@@ -385,16 +363,6 @@ class Released(InOneLayer):
                 lon[time], lat[time] = np.degrees([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))])
         return lon, lat
 
-    @functools.cached_property
-    def _by_start(self) -> tuple[np.ndarray | None, np.ndarray | None]:
-        """The mean positions of the drifters of each start at the end."""
-        if self.starts.size == 1:
-            return None, None
-        parts = np.split(self.drifters.cell[-1:], self.starts.size, axis=1)
-        centres = [self.water.centre(_shares(part, self.water.cells)[0]) for part in parts]
-        lon, lat = np.array(centres).T
-        return lon, lat
-
     @property
     def _points(self) -> list[Float[np.ndarray, "3 some"]]:
         """The unit vectors of the drifters on the map at each time."""
@@ -433,12 +401,6 @@ class Released(InOneLayer):
             for name, seen in zip(names.tolist(), count.tolist(), strict=True)
         ]
         return np.array(sorted(rows, key=lambda row: -row[2])).reshape(-1, 3).T
-
-
-def _named(regions: tuple[np.ndarray, np.ndarray] | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return the names of places of arrival, of which the coast is the last, and the polygons."""
-    names, polygons = (np.zeros(0, str), np.zeros(0, object)) if regions is None else regions
-    return np.array([*names, "a square at the coast"]), polygons
 
 
 def _joined(parts: Sequence[Release]) -> Release:

@@ -3,14 +3,18 @@ import os
 
 import numpy as np
 import shapely
+import shapely.affinity
 
 from ...base.paths import replacing
+from ...currents.sphere import wrapped
 from ...drift import Released
 from ...drift.positions import in_degrees
+from ...drift.regions import TURNS
 from ...drift.released_drifters import likely
 
 
 _PARTS = (0.5, 0.9)
+_WORLD = shapely.box(-180.0, -90.0, 180.0, 90.0)
 # The corners of a square in cells from its centre, a little inside, so that they belong to it.
 _CORNERS = 0.4999999 * np.array([[-1, 1, 1, -1], [-1, -1, 1, 1]])
 
@@ -19,8 +23,8 @@ def save_release(found: Released, path: str | os.PathLike[str]) -> None:
     """Write where the drifters of a release are, as polygons of GeoJSON (RFC 7946).
 
     A feature per time and part has the fewest cells that have half, or nine tenths, of the drifters
-    on the map; its properties are `hours` after the release (negative: before the find), the
-    `date`, and the `probability`.
+    on the map, cut at 180 degrees of longitude. Its properties are `hours` after the release
+    (negative: before the find), the `date`, and the `probability`.
 
     **Arguments:**
 
@@ -50,8 +54,10 @@ def save_release(found: Released, path: str | os.PathLike[str]) -> None:
                 place[chosen][:, None] + off
                 for place, off in zip((water.column, water.row), _CORNERS, strict=True)
             )
-            rings = np.stack(in_degrees(water, x, y), axis=-1).round(5)
-            shape = shapely.union_all(shapely.polygons(rings))
+            lon, lat = in_degrees(water, x, y)
+            middle = water.lon[water.row[chosen], water.column[chosen]][:, None]
+            lon = middle + wrapped(lon - middle)
+            shape = _cut(shapely.polygons(np.stack([lon, lat], axis=-1).round(5)))
             properties = {
                 "hours": way * hours,
                 "date": date,
@@ -62,3 +68,13 @@ def save_release(found: Released, path: str | os.PathLike[str]) -> None:
     with replacing(path) as temporary:
         collection = {"type": "FeatureCollection", "features": features}
         temporary.write_text(json.dumps(collection) + "\n", encoding="utf-8")
+
+
+def _cut(cells: np.ndarray) -> shapely.Geometry:
+    """Unite cells in degrees, and cut what is beyond 180 degrees of longitude to the other side."""
+    whole = shapely.union_all(cells)
+    turned = [
+        shapely.transform(whole, lambda at, by=turn: at + np.array([by, 0.0])) for turn in TURNS
+    ]
+    parts = shapely.get_parts(shapely.intersection(turned, _WORLD))
+    return shapely.union_all(parts[shapely.area(parts) > 0])

@@ -37,7 +37,8 @@ class Deploy(WindowStudy):
     drop: AtLeastOne
     """Number of drifters to drop."""
     cover: Path | None = None
-    """GeoJSON file of polygons, whose cells are to be visited; by default all water."""
+    """GeoJSON file of polygons, whose cells, by their centres, are to be visited; by default all
+    water."""
     avoid: tuple[Literal["land", "edge"], ...] = ()
     """Leave out cells from which drifters strand (land), or leave the map (edge)."""
     coast: Literal["hold", "slip", "strand"] = "strand"
@@ -65,7 +66,10 @@ class Deploy(WindowStudy):
         memory.check(needed, doing, "give smaller --bounds, or fewer days")
         regions, region = np.ones((1, water.cells), bool), "the water"
         if self.cover is not None:
-            regions, region = drift.read_regions(self.cover, water)[1], self.cover.name
+            regions, region = (
+                drift.read_regions(self.cover, water)[1],
+                f"{self.cover.name}, whose centre is in it,",
+            )
         return drift.Dropped.of(
             water, flow, np.logical_or.reduce(regions), self.drop, self.days * DAY,
             avoid=self.avoid,

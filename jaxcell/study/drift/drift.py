@@ -9,6 +9,7 @@ import tyro
 
 from ... import drift, record, space, verify as verification
 from ...base import memory
+from ...base.process import stoppable
 from ..parameters import (
     AtLeastOne,
     Days,
@@ -99,7 +100,8 @@ class Drift(CurrentStudy):
     goal: str | None = None
     """Goal of a drifter that may change its depth, "lon,lat,depth" in degrees and metres."""
     regions: Path | None = None
-    """GeoJSON file of polygons, to compute the exchange of surface drifters between them."""
+    """GeoJSON file of polygons, to compute the exchange of surface drifters between them. The cells
+    of a polygon are those whose centre is in it."""
     drifters: Annotated[AtLeastOne, Only(regions=True)] = 10_000
     """Number of drifters to simulate from each region, for confidence intervals."""
     after: Annotated[Duration, Only(regions=True), Only(beaching=True)] = 432_000.0
@@ -169,49 +171,51 @@ class Drift(CurrentStudy):
             coast=self.coast,
             say=say,
         )
-        surface = result.layers[0].behaviour
-        more: dict[str, Any] = {}
-        if regions is not None:
-            say("following drifters between regions")
-            exchange = drift.Exchange.of(surface, *regions, self.after)
-            going = waters[0], result.layers[0].flow, self.drifters, self.seed
-            more["exchange"] = exchange.with_drifters(*going)
-        if self.beaching is not None:
-            say("stranding drifters")
-            halves = {"afloat": self.beaching, "stranded": self.resuspension or math.inf}
-            more["beaching"] = drift.Stranded.of(waters[0], surface, self.after, **halves)
-            if result.step > self.beaching:
-                rough = (
-                    f"A step takes {result.step:g} s, and drifters that pass a coast during a step "
-                    f"do not strand; give a --duration below the {self.beaching:g} s of --beaching."
-                )
-                more["notices"] = (*result.notices, rough)
-        result = dataclasses.replace(result, **more)
-        say("comparing the map with simulated drifters")
-        hours, count = result.asked_hours, self.nearly_closed
-        takes = sum(
-            drift.closed_sets_seconds(layer.behaviour.chain, result.step, hours=hours)
-            for layer in result.layers
-        )
-        if count is not None or takes <= LONGEST:
-            say("finding nearly closed sets")
-            # If the solve stalls, sets are left out unless they were requested.
-            with contextlib.suppress(*([] if count else [RuntimeError])):
-                wanted = count or min(_USUAL_SETS, fewest)
-                result = result.with_closed_sets(wanted, listed=count is not None)
-        else:
-            left_out = (
-                f"Nearly closed sets are left out: they may take {takes / 60:.0f} minutes; "
-                f"--nearly-closed {_USUAL_SETS} finds them."
+        with stoppable():
+            surface = result.layers[0].behaviour
+            more: dict[str, Any] = {}
+            if regions is not None:
+                say("following drifters between regions")
+                exchange = drift.Exchange.of(surface, *regions, self.after)
+                going = waters[0], result.layers[0].flow, self.drifters, self.seed
+                more["exchange"] = exchange.with_drifters(*going)
+            if self.beaching is not None:
+                say("stranding drifters")
+                halves = {"afloat": self.beaching, "stranded": self.resuspension or math.inf}
+                more["beaching"] = drift.Stranded.of(waters[0], surface, self.after, **halves)
+                if result.step > self.beaching:
+                    rough = (
+                        f"A step takes {result.step:g} s, and drifters that pass a coast during a "
+                        f"step do not strand; give a --duration below the {self.beaching:g} s of "
+                        "--beaching."
+                    )
+                    more["notices"] = (*result.notices, rough)
+            result = dataclasses.replace(result, **more)
+            say("comparing the map with simulated drifters")
+            hours, count = result.asked_hours, self.nearly_closed
+            takes = sum(
+                drift.closed_sets_seconds(layer.behaviour.chain, result.step, hours=hours)
+                for layer in result.layers
             )
-            result = dataclasses.replace(result, notices=(*result.notices, left_out))
-        if goal is not None:
-            say(f"finding the way to the goal from {result.cells:,} cells")
-            result = result.towards(goal, self.discount)
-        if self.range is not None:
-            say("choosing where to see the sea bed")
-            # The result caches its views, so this comes after the last `replace`.
-            _ = result.views
+            if count is not None or takes <= LONGEST:
+                say("finding nearly closed sets")
+                # If the solve stalls, sets are left out unless they were requested.
+                with contextlib.suppress(*([] if count else [RuntimeError])):
+                    wanted = count or min(_USUAL_SETS, fewest)
+                    result = result.with_closed_sets(wanted, listed=count is not None)
+            else:
+                left_out = (
+                    f"Nearly closed sets are left out: they may take {takes / 60:.0f} minutes; "
+                    f"--nearly-closed {_USUAL_SETS} finds them."
+                )
+                result = dataclasses.replace(result, notices=(*result.notices, left_out))
+            if goal is not None:
+                say(f"finding the way to the goal from {result.cells:,} cells")
+                result = result.towards(goal, self.discount)
+            if self.range is not None:
+                say("choosing where to see the sea bed")
+                # The result caches its views, so this comes after the last `replace`.
+                _ = result.views
         return result
 
     def spec(self, result: Any) -> dict[str, Any]:

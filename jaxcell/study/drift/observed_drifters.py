@@ -127,6 +127,8 @@ class Drifters(SeaStudy):
     def _of_counts(self, file: Path, say: Say) -> "drift.CountedDrift":
         say("reading counts")
         counts = drift.open_counts(file, self.least)
+        if self.least > 1 and not counts.counted:
+            raise ValueError(f"least: it has no effect on shares of moves, got {self.least}")
         Limit(le=counts.cells).check("nearly_closed", self.nearly_closed, ", the number of cells")
         ends = {"source": ("from", self.from_), "target": ("to", self.to)}
         cells = {}

@@ -163,13 +163,9 @@ class Release(WindowStudy):
             "coastline": str(currents.attrs.get("coastline", "")),
             "notices": self.notices(on, currents),
         }
-        if self.backward:
-            end = since + self.days * DAY
-            with about(f"start {self.start}"):
-                return drift.Released.back_from(
-                    water, flow, area, points, self.times, end=end, **given
-                )
         starts = [since + DAY * day for day in self.starts]
+        if self.backward:
+            given["found"], starts = area, [since + DAY * self.days]
         return drift.Released.of(water, flow, points, self.times, starts=starts, **given)
 
     def write(self, result: "drift.Released", out: Path) -> None:

@@ -6,8 +6,10 @@ import shutil
 import numpy as np
 import pytest
 import scipy.sparse
+import scipy.sparse.linalg
 
-from jaxcell import bundled, drift, record, study
+from jaxcell import bundled, drift, markov, record, study
+from jaxcell.mapping import Chain
 
 
 # Van Sebille, England and Froyland 2012: five patches of garbage, as (West, East, North).
@@ -68,17 +70,8 @@ def test_patches_have_the_shares_of_their_cells(found):
     assert (found.patch_density > 6).all()
 
 
-@pytest.mark.parametrize("back", [False, True])
-def test_routes_are_those_of_a_heap_and_take_the_published_days(table, found, back):
-    lon, _, begin, end, share = table
-    route = found.back if back else found.there
-    stay = np.zeros(lon.size)
-    stay[begin[begin == end]] = share[begin == end]
-    steps = [[] for _ in lon]
-    for a, b, p in zip(begin.tolist(), end.tolist(), share.tolist(), strict=True):
-        if a != b:
-            steps[a].append((b, -np.log(p / (1 - stay[a]))))
-    source, target = int(route[0][0]), int(route[0][-1])
+def _shortest(steps, source, target):
+    """The shortest way by a heap, and its length; `steps` has ends and lengths of each cell."""
     away, before, queue = {source: 0.0}, {}, [(0.0, source)]
     while queue:
         length, cell = heapq.heappop(queue)
@@ -93,10 +86,82 @@ def test_routes_are_those_of_a_heap_and_take_the_published_days(table, found, ba
     path = [target]
     while path[-1] != source:
         path.append(before[path[-1]])
-    days = sum(5 / (1 - stay[cell]) for cell in path[1:])
-    assert route[0].tolist() == path[::-1]
+    return path[::-1], away[target]
+
+
+@pytest.mark.parametrize("back", [False, True])
+def test_routes_are_those_of_a_heap_and_take_the_published_days(table, found, back):
+    lon, _, begin, end, share = table
+    route = found.back if back else found.there
+    stay = np.zeros(lon.size)
+    stay[begin[begin == end]] = share[begin == end]
+    steps = [[] for _ in lon]
+    for a, b, p in zip(begin.tolist(), end.tolist(), share.tolist(), strict=True):
+        if a != b:
+            steps[a].append((b, -np.log(p / (1 - stay[a]))))
+    source, target = int(route[0][0]), int(route[0][-1])
+    path, _ = _shortest(steps, source, target)
+    days = sum(5 / (1 - stay[cell]) for cell in path[:-1])
+    assert route[0].tolist() == path
     assert route[1][-1] / 24 == pytest.approx(days, rel=1e-9)
     assert round(days) == DAYS[back]
+
+
+def test_committor_and_likeliest_path_are_those_of_a_sparse_solve_and_a_heap(table):
+    lon, _, begin, end, share = table
+    moves = drift.open_counts(bundled("gdp"))
+    source, target = moves.cell(-90.9, 23.88), moves.cell(-9.88, 35.8)
+    matrix = scipy.sparse.csr_array((share, (begin, end)), (lon.size, lon.size))
+    # Only cells that can come to the target have a probability, and the system then has a solution.
+    can, reached = np.zeros(lon.size, bool), [target]
+    into = matrix.tocsc()
+    while reached:
+        cell = reached.pop()
+        if not can[cell]:
+            can[cell] = True
+            reached += into.indices[into.indptr[cell] : into.indptr[cell + 1]].tolist()
+    can[[source, target]] = False
+    inner = matrix[can][:, can]
+    right = matrix[can][:, [target]].toarray()[:, 0]
+    ahead = np.zeros(lon.size)
+    ahead[can] = scipy.sparse.linalg.spsolve(scipy.sparse.eye_array(right.size) - inner, right)
+    ahead[target] = 1
+    found = markov.committor(moves.chain, source=source, target=target)
+    np.testing.assert_allclose(found.value, ahead, atol=1e-9)
+
+    steps = [[] for _ in lon]
+    for a, b, p in zip(begin.tolist(), end.tolist(), share.tolist(), strict=True):
+        steps[a].append((b, -np.log(p)))
+    way, length = _shortest(steps, source, target)
+    path, log_probability = markov.most_probable_path(moves.chain, source, target)
+    assert path.tolist() == way
+    assert log_probability == pytest.approx(-length)
+
+
+def test_shares_that_stay_are_those_of_powers_of_a_matrix_and_of_the_tracks():
+    """The Chapman-Kolmogorov test, with moves that are counted without the library."""
+    seen, lag, side = drift.open_trajectories(bundled("drifters")), 5 * 86_400.0, 4.0
+    cell = np.floor(seen.lon / side) * 1000 + np.floor(seen.lat / side)
+    names, cell = np.unique(cell, return_inverse=True)
+    place = {pair: cell[k] for k, pair in enumerate(zip(seen.drifter, seen.time, strict=True))}
+
+    def pairs(steps):
+        ends = [(c, place.get((d, t + steps * lag))) for (d, t), c in place.items()]
+        return np.array([pair for pair in ends if pair[1] is not None]).T
+
+    counts = np.zeros((names.size, names.size))
+    np.add.at(counts, tuple(pairs(1)), 1)
+    matrix = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+    west = (names < np.median(seen.lon) / side * 1000).astype(int)
+    observed = [(steps, *pairs(steps)) for steps in (1, 3)]
+    test = markov.chapman_kolmogorov(Chain.from_scipy(matrix), west, observed)
+    for row, (steps, begin, end) in enumerate(observed):
+        power = np.linalg.matrix_power(matrix, steps)
+        for number in (0, 1):
+            inside = west[begin] == number
+            stays = power[begin[inside]][:, west == number].sum(axis=1).mean()
+            assert test.by_chain[row, number] == pytest.approx(stays)
+            assert test.seen[row, number] == pytest.approx((west[end[inside]] == number).mean())
 
 
 def test_first_lines_say_where_it_goes_and_how_long_it_takes(found):
@@ -246,3 +311,11 @@ def test_a_copy_of_the_file_is_counts_too(tmp_path):
     found = study.Drifters(file=(tmp_path / "mine.npz",), after=30.0, least=100).run()
     assert (found.counts.total >= 100).all()
     assert found.hours[-1] == 30 * 24
+
+
+def test_least_is_refused_for_shares(tmp_path):
+    shares = scipy.sparse.csr_array(np.array([[0.5, 0.5], [0.2, 0.8]]))
+    matrix = {name: getattr(shares, name) for name in ("data", "indices", "indptr")}
+    np.savez(tmp_path / "shares.npz", lon=[0.0, 1.0], lat=[0.0, 0.0], days=5.0, **matrix)
+    with pytest.raises(ValueError, match="least: it has no effect on shares of moves, got 5"):
+        study.Drifters(file=(tmp_path / "shares.npz",), least=5).run()
