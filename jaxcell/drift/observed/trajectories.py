@@ -343,8 +343,8 @@ def _drifters(file: OceanFile, lon: xr.DataArray, time: xr.DataArray) -> xr.Data
             owner = np.repeat(np.arange(counts.size), counts.astype(np.int64))
             return xr.DataArray(owner, dims=[dim])
     for name, variable in file.dataset.variables.items():
-        about, named = variable.attrs, str(name).lower() in _LABELS
-        labels = "instance_dimension" in about or about.get("cf_role") == "trajectory_id" or named
+        about, known = variable.attrs, str(name).lower() in _LABELS
+        labels = "instance_dimension" in about or about.get("cf_role") == "trajectory_id" or known
         if labels and variable.dims == (dim,):
             _, label = np.unique(variable.values, return_inverse=True)
             return xr.DataArray(label, dims=[dim])
