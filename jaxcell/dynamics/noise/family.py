@@ -160,7 +160,7 @@ class Family:
         return mean, by + float(moves[1] @ left + astray @ moves[0]), *errors
 
     def _nodes(self, values: list[float]) -> Any:
-        """Solve the chains of values, those of nodes once; `None` if one cannot be solved."""
+        """Solve the chains of values, those of nodes once; `None` if any chain cannot be solved."""
         for value in values:
             if value not in self.nodes:
                 self.nodes[value] = self._solved(value)
