@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from ...base.documents import about
 from ...base.paths import replacing
 from ...optimize import Graph
 from ..team.times import names_of
@@ -32,7 +33,7 @@ def save_graph(
     """
     path = Path(path)
     suffix = path.suffix.lower()
-    try:
+    with about(path):
         if graph.xy is None:
             raise ValueError("the vertices have no positions, which a graph file needs")
         names = names_of(graph.vertices, names)
@@ -53,8 +54,6 @@ def save_graph(
         if suffix not in formats:
             raise ValueError(f"unknown format {suffix!r}; expected {SUFFIXES}")
         text = formats[suffix](nodes, edges)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
