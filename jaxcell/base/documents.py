@@ -10,7 +10,7 @@ import json
 import math
 import re
 import reprlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,15 @@ if TYPE_CHECKING:
 
 MAX_NUMBER = 1e9
 """Largest magnitude of a number, such as a length in metres, that is accepted by default."""
+
+
+@contextlib.contextmanager
+def about(subject: object) -> Iterator[None]:
+    """Put a file, or a parameter, before the message of a `ValueError` that a block raises."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{subject}: {error}") from error
 
 
 def check_file(path: Path, kind: str) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Real
 
 from ..base.certificate import Numbers
+from ..base.documents import about
 from ..base.indices import as_array
 from ..base.quantities import derived, quantity
 from ..base.shown import Shown
@@ -206,10 +207,8 @@ def cell_of(cells: CellSpace, place: Place, name: str = "start") -> int:
     if numbers.shape not in ((2,), (3,)):
         raise ValueError(f"{name}: expected {expected}, got {place!r}")
     direction = bounce_shift(numbers[2:].sum(), cells.directions, f"{name}: heading").item()
-    try:
+    with about(name):
         position = int(cells.index(numbers[0], numbers[1]))
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from None
     return direction * cells.positions + position
 
 

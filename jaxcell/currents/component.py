@@ -87,9 +87,9 @@ class Component:
             raise self.file.error(
                 self.name,
                 f"expected currents up to {FASTEST_CURRENT:g} m/s, got "
-                f"{values[level, row, column]:g} at record {record}, level {place}, row "
-                f"{self.rows[row]}, column {self.columns[column]}; a fill value or unit that is "
-                "not declared?",
+                f"{values[level, row, column]:g} at record {record}, level {place}, "
+                f"row {self.rows[row]}, column {self.columns[column]}; a fill value or unit that "
+                "is not declared?",
             )
         if (axis := axes.between) is None:
             return values, open_sides, unmasked
@@ -145,16 +145,13 @@ def _valid(variable: xr.Variable) -> tuple[float, float]:
 
     In a packed file they are packed too if they have the type of the stored values.
     """
-    about = variable.attrs
-    both = about.get(
-        "valid_range", (about.get("valid_min", -np.inf), about.get("valid_max", np.inf))
-    )
+    about, packed = variable.attrs, variable.encoding
+    both = about.get("valid_min", -np.inf), about.get("valid_max", np.inf)
+    names = ("scale_factor", 1.0), ("add_offset", 0.0)
+    scale, offset = (np.asarray(packed.get(*name)).item() for name in names)
     least, most = (
-        float(value) * float(variable.encoding.get("scale_factor", 1))
-        + float(variable.encoding.get("add_offset", 0))
-        if np.asarray(value).dtype == variable.encoding.get("dtype")
-        else float(value)
-        for value in both
+        float(one) * scale + offset if np.asarray(one).dtype == packed.get("dtype") else float(one)
+        for one in about.get("valid_range", both)
     )
     return least, most
 

@@ -20,8 +20,7 @@ class Convention:
     """Names that identify a variable or a dimension."""
 
     role: Role
-    """The role of the variable. A `"velocity"`, a `"wind"` and a Stokes drift (`"stokes"`) consist
-    of two variables; the first of their names is for the component towards the East or along x."""
+    "A velocity, a wind and a Stokes drift have two variables: to the East or x, to the North or y."
     names: tuple[str, ...] = ()
     """Names of the variable or dimension in lower case, the preferred name first. In the name of a
     flag, `{}` stands for the name of the flagged variable."""
@@ -34,8 +33,7 @@ class Convention:
     With `"dims"` the dimensions decide: x and y for cell faces, East and North for longitude and
     latitude. On cell faces, a velocity without a known standard name is always along x and y."""
     point: Literal["t", "u", "v", ""] = ""
-    """The points at which a variable of NEMO is given: cell centres (`"t"`), or eastern (`"u"`) or
-    northern (`"v"`) cell faces; empty for other models."""
+    'Of NEMO: at cell centres (`"t"`), or eastern (`"u"`) or northern (`"v"`) cell faces.'
     water: int = 1
     "The value of a mask that means water."
 

@@ -83,8 +83,7 @@ class FieldReader:
         axes, variables = self.velocity.u_axes, self.file.dataset.variables.items()
         on_cells = (str(name) for name, v in variables if set(v.dims) == set(axes.rho))
         terms = formula_terms(self.file, axes.depth)
-        name = terms.get("depth") or find(self.file.dataset, "bed", on_cells)
-        if name is not None:
+        if name := terms.get("depth") or find(self.file.dataset, "bed", on_cells):
             return read_cells(self.file, name, axes, self.grid)
         if self.layers.s_levels is not None:
             raise self.file.error("h", "missing; without the depth of the sea the levels have none")
@@ -95,9 +94,8 @@ class FieldReader:
         """The variable with the height of the sea surface; `None` if levels do not follow it."""
         if self.layers.s_levels is None:
             return None
-        terms = formula_terms(self.file, self.velocity.u_axes.depth)
-        variables = map(str, self.file.dataset.variables)
-        return terms.get("eta") or find(self.file.dataset, "surface", variables)
+        terms, dataset = formula_terms(self.file, self.velocity.u_axes.depth), self.file.dataset
+        return terms.get("eta") or find(dataset, "surface", map(str, dataset.variables))
 
     def read(self, mean: bool = False) -> Field:
         """Read the velocity at the cell centres, without rotating it to East and North.
@@ -206,10 +204,7 @@ class FieldReader:
         return coast.within(self.grid, chosen), coast.name
 
     def _land(self, seen: _Mask, deep: _Mask, water: _Mask) -> tuple[_Mask, list[str]]:
-        """Mark the squares of land and of the sea bed, and return notes on their number.
-
-        Squares with a velocity at any record (`seen`) are sea, those below the bed are `deep`.
-        """
+        """Mark land and sea bed among squares without water; `seen` ones have some velocity."""
         above = np.cumsum(seen, axis=0) > seen
         if (top := self.layers.top) is not None:
             above |= self._seen_at(top)
@@ -298,10 +293,7 @@ class FieldReader:
     def _with_water(
         self, water: _Mask, has_velocity: Bool[np.ndarray, "records layers"]
     ) -> Bool[np.ndarray, " layers"]:
-        """Mark the layers that have water.
-
-        Raise if no layer has water, or if a dry layer was chosen or has a velocity at some record.
-        """
+        """Mark the layers with water; refuse dry ones that were chosen, or have some velocity."""
         kept = np.asarray(water.any(axis=(1, 2)))
         for k in np.flatnonzero(~kept):
             if self.layers.asked or not kept.any() or has_velocity[:, k].any():

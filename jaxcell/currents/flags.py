@@ -43,10 +43,7 @@ class Flag:
 
 
 def read_flags(file: OceanFile, velocity: str) -> list[Flag]:
-    """Find the flag variables of a velocity from its attributes or from conventional names.
-
-    Bad values are recognised by the words of the attribute `flag_meanings`, one word per value.
-    """
+    """Find the flags of a velocity by its attributes or by name; words tell their bad values."""
     variables = file.dataset.variables
     attributes = variables[velocity].attrs
     named = re.split(r"[\s,]+", str(attributes.get("ancillary_variables", "")).strip())

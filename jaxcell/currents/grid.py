@@ -203,9 +203,7 @@ def _declares_radians(file: OceanFile, name: str) -> bool:
     return str(file.dataset[name].attrs.get("units", "")).lower() in ("radian", "radians", "rad")
 
 
-def _in_degrees(
-    file: OceanFile, name: str, values: Float[np.ndarray, "*shape"]
-) -> Float[np.ndarray, "*shape"]:
+def _in_degrees(file: OceanFile, name: str, values: np.ndarray) -> np.ndarray:
     """Convert positions to degrees if the file declares that they are in radians."""
     return np.degrees(values) if _declares_radians(file, name) else values
 
@@ -241,8 +239,5 @@ def _outside(file: OceanFile, box: _Box, lon: np.ndarray, lat: np.ndarray) -> Va
         eastward = sphere.wrapped(lon - lon[0, 0])
         ends = np.array([np.nanmin(eastward), np.nanmax(eastward)])
         west, east = sphere.wrapped(lon[0, 0] + ends)
-    return file.error(
-        "bounds",
-        f"{box}: no cell is within them; the file goes from {west:g} to {east:g} "
-        f"East and {np.nanmin(lat):g} to {np.nanmax(lat):g} North",
-    )
+    goes = f"from {west:g} to {east:g} East and {np.nanmin(lat):g} to {np.nanmax(lat):g} North"
+    return file.error("bounds", f"{box}: no cell is within them; the file goes {goes}")

@@ -61,10 +61,7 @@ class Land:
     def coasts(
         self, west: float, south: float, east: float, north: float
     ) -> Iterator[Float[np.ndarray, "points 2"]]:
-        """Yield the coastlines within a box of longitude and latitude, in degrees.
-
-        The longitudes of the box may exceed 180 degrees.
-        """
+        """Yield the coastlines within a box in degrees, whose longitudes may exceed 180."""
         for turn in (-360.0, 0.0, 360.0):
             box = west - turn, south, east - turn, north
             near = self.polygons[shapely.intersects(self.polygons, shapely.box(*box))]

@@ -93,10 +93,7 @@ def _as_named(
 def read_part(
     file: OceanFile, name: str, block: Mapping[Any, Any], dims: Sequence[str]
 ) -> Float[np.ndarray, "..."]:
-    """Read a `block` of indices of a variable, with its dimensions in the order `dims`.
-
-    Dimensions that are not in the block must have the length 1.
-    """
+    """Read a `block` of indices of a variable, in the order `dims`; other lengths must be 1."""
     array = file.dataset[name]
     for dim, size in array.sizes.items():
         if dim not in block and size > 1:

@@ -124,10 +124,7 @@ def open_netcdf(path: str | os.PathLike[str], group: str | None = None) -> Itera
 def open_undecoded(
     path: str | os.PathLike[str], engine: Any, group: str | None = None
 ) -> xr.Dataset:
-    """Open a dataset, or a group with the coordinates of the groups that hold it.
-
-    No values are read, and no times decoded.
-    """
+    """Open a dataset, or a group with the coordinates of the file, without decoding times."""
     options: dict[str, Any] = {"decode_times": False, "decode_coords": False, "cache": False}
     whole = xr.open_dataset(path, engine=engine, **options)
     if not group:
@@ -183,10 +180,9 @@ def netcdf_engine(path: str | os.PathLike[str]) -> Literal["netcdf4", "scipy"]:
     with open(path, "rb") as file:
         magic = file.read(4)
     if magic == b"CDF\5":
-        raise ValueError(
-            f"{os.fspath(path)}: it is of the classic NetCDF version 5, whose truncated files look "
-            "whole; expected version 1, 2 or 4 (to convert it: nccopy -k nc4 OLD.nc NEW.nc)"
-        )
+        why = "it is of the classic NetCDF version 5, whose truncated files look whole"
+        expected = "version 1, 2 or 4 (to convert it: nccopy -k nc4 OLD.nc NEW.nc)"
+        raise ValueError(f"{os.fspath(path)}: {why}; expected {expected}")
     return "scipy" if magic in (b"CDF\1", b"CDF\2") else "netcdf4"
 
 

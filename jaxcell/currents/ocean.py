@@ -113,13 +113,11 @@ def open_currents(
     - `stokes`: whether to add the Stokes drift of waves in the file to the first layer.
     - `land`: a GeoJSON file or shapefile of land, for files without a mask; by default the bundled
         land of Natural Earth, whose coasts have errors of some kilometres.
-    - `gaps`: `"open"` if they may be sea without data; `"land"` if all squares without a velocity
-        are land; or `"fill"` to fill holes of up to nine squares in the water with the
-        velocity around them.
+    - `gaps`: `"open"` if squares without a velocity may be sea; `"land"` if all of them are land;
+        or `"fill"` to fill holes of up to nine squares in the water with the velocity around.
 
     **Returns:** a dataset in the normal form of `jaxcell.currents`: `u`, `v`, `water`, `land`,
-    `dx`, `dy` and `angle` on the dimensions time, layer, y and x, with the times, depths and
-    positions.
+    `dx`, `dy` and `angle` on the dimensions time, layer, y and x; times, depths and positions.
 
     **Raises:** `FileNotFoundError`; `ValueError`, with the file, the field and the value, for
     damaged or contradictory files, choices that do not exist in the file, and more data than 4 GiB;

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Int, Shaped
+from jaxtyping import Shaped
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
@@ -18,18 +18,12 @@ from .netcdf import OceanFile
 class _Records(BackendArray):
     """A variable of several files, joined along an axis."""
 
-    def __init__(
-        self,
-        parts: Sequence[xr.Variable],
-        axis: int,
-        number: Int[np.ndarray, " records"],
-        place: Int[np.ndarray, " records"],
-    ) -> None:
-        """Join the records with the indices `place` in the `parts` with the indices `number`."""
-        self.parts, self.axis, self.number, self.place = parts, axis, number, place
-        self.dtype = np.result_type(*(part.dtype for part in parts))
-        shape = parts[0].shape
-        self.shape = (*shape[:axis], number.size, *shape[axis + 1 :])
+    def __init__(self, axis: int, records: Sequence[tuple[xr.Variable, int]]) -> None:
+        """Join `records`, each of a part, in which it has an index along the `axis`."""
+        self.axis, self.records = axis, records
+        self.dtype = np.result_type(*{part.dtype for part, _ in records})
+        shape = records[0][0].shape
+        self.shape = (*shape[:axis], len(records), *shape[axis + 1 :])
 
     def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
         support = indexing.IndexingSupport.OUTER
@@ -39,8 +33,8 @@ class _Records(BackendArray):
         chosen = np.arange(self.shape[self.axis])[key[self.axis]]
         read = []
         for record in np.atleast_1d(chosen):
-            place = (*key[: self.axis], int(self.place[record]), *key[self.axis + 1 :])
-            part = self.parts[self.number[record]]
+            part, at = self.records[record]
+            place = (*key[: self.axis], at, *key[self.axis + 1 :])
             read.append(part.isel(dict(zip(part.dims, place, strict=True))).values)
         if chosen.ndim == 0:
             return read[0]
@@ -127,15 +121,13 @@ def _joined(
             last = int(np.flatnonzero(again)[-1])
             before = variables[number[at[last]]].isel({dim: int(place[at[last]])})
             if not before.equals(variable.isel({dim: last})):
-                raise file.error(
-                    name,
-                    f"two files that begin at {begin} have different values at {own[last]}; "
-                    "expected files of one model run, or runs that begin one after the other",
-                )
+                differ = f"two files that begin at {begin} have different values at {own[last]}"
+                expected = "files of one model run, or runs that begin one after the other"
+                raise file.error(name, f"{differ}; expected {expected}")
         elif again.any():
             doubt = f"records until {own[again][-1]} are in more than one file; those of the file"
             doubt += " that begins last are used"
         number[at], place[at], begin = k, np.arange(at.size), own[0]
-    axis = first.dims.index(dim)
-    data = indexing.LazilyIndexedArray(_Records(variables, axis, number, place))
+    records = [(variables[k], at) for k, at in zip(number, place.tolist(), strict=True)]
+    data = indexing.LazilyIndexedArray(_Records(first.dims.index(dim), records))
     return xr.Variable(first.dims, data, first.attrs), doubt

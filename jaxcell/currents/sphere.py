@@ -87,10 +87,7 @@ def folded_rows(lon: _Cells, lat: _Cells) -> int:
 
 
 def goes_round(lon: _Cells, lat: _Cells) -> bool:
-    """Return whether the last column of a grid is beside the first, so that its rows are circles.
-
-    The rows must go once round the Earth, with a gap at the seam as wide as the spacing beside it.
-    """
+    """Return whether rows go once round the Earth, with a seam as wide as the spacing beside it."""
     if lon.shape[1] < 3:
         return False
     turn = wrapped(np.diff(lon, axis=1, append=lon[:, :1])).sum(axis=1)

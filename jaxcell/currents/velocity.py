@@ -122,11 +122,11 @@ def _along(file: OceanFile, pair: _Pair, axes: Axes) -> tuple[Literal["earth", "
         return "grid", "by the positions of POP"
     if is_rectangular(file, axes):
         return "earth", f"{dims}, on a grid of latitude and longitude"
+    way_on = f"name {pair.u} and {pair.v} with variables (--variables {pair.u} {pair.v})"
     raise file.error(
         pair.u,
-        f"ambiguous: on the dimensions ({axes.y}, {axes.x}) it may be towards the East or "
-        "along the grid, and it has no standard name; to take it as towards the East, name "
-        f"{pair.u} and {pair.v} with variables (--variables {pair.u} {pair.v})",
+        f"ambiguous: on the dimensions ({axes.y}, {axes.x}) it may be towards the East or along "
+        f"the grid, and it has no standard name; to take it as towards the East, {way_on}",
     )
 
 

@@ -3,7 +3,7 @@ import json
 import os
 from pathlib import Path
 
-from ..base.documents import Fields, check_file, checked_number, decode_json, read_text
+from ..base.documents import Fields, about, check_file, checked_number, decode_json, read_text
 from ..base.paths import replacing
 from ..base.shown import Shown
 from .create.motion import Moved
@@ -49,15 +49,13 @@ class Calibration(Shown):
         """Read a calibration from a file that `save` wrote."""
         path = Path(path)
         check_file(path, "a calibration")
-        try:
+        with about(path):
             values = decode_json(read_text(path), "a calibration")
             if not isinstance(values, dict) or values.get("format") != _FORMAT:
                 raise ValueError("expected the file of `jaxcell robot calibrate`")
             fields = Fields(values)
             fields.check_version(_VERSION)
             return cls(fields.number("distance"), fields.number("angle"))
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the calibration to a file, and create the folder of the file if necessary."""

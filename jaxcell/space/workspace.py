@@ -14,6 +14,7 @@ import shapely
 from jaxtyping import Float, Int
 
 from ..base.bundled import with_path
+from ..base.documents import about
 from ..base.doubts import Doubt, warn
 from ..base.formatting import percent
 from ..base.limits import Crop, Piece, Unknown
@@ -241,10 +242,8 @@ class Workspace(Pictured):
         """
         path = with_path(os.fspath(path))
         fields = read_map(path, unknown, crop)
-        try:
+        with about(path):
             return cls(**fields)
-        except ValueError as error:
-            raise ValueError(f"{os.fspath(path)}: {error}") from error
 
     @classmethod
     def of_input(cls, room: RoomLike, unknown: Unknown = "wall", crop: Crop = None) -> "Workspace":

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, TypeVar
 
 from .. import verify as verification
 from ..base.bundled import with_path
+from ..base.documents import about as about
 from ..base.formatting import did_you_mean
 from ..base.paths import digest, existing, files_read, name_in_results
 from ..base.quantities import Quantity, Result, values
@@ -216,15 +217,6 @@ def _several(value: Any) -> Any:
 @functools.cache
 def _kinds(study: Any) -> dict[str, list[Any]]:
     return {name: [*inside(annotation)] for name, annotation in parameters(study).items()}
-
-
-@contextlib.contextmanager
-def about(parameter: str) -> Iterator[None]:
-    """Put a parameter's name before the message of a `ValueError` that a `with` block raises."""
-    try:
-        yield
-    except ValueError as error:
-        raise ValueError(f"{parameter}: {error}") from None
 
 
 @contextlib.contextmanager

@@ -134,8 +134,8 @@ def test_maps_of_moving_ai_are_read(tmp_path):
     np.testing.assert_array_equal(free, [[0, 1, 1, 1, 0], [0, 1, 1, 0, 0], [0] * 5])
     for text, message in (
         ("height 2\nwidth 5\nmap\n....\n....\n", "width: expected 4 as in the rows below, got 5"),
-        ("height 2\nwidth 4\nmap\n....\n...\n", "row 2: expected 4 squares among .*, got 3"),
-        ("height 1\nwidth 2\nmap\n.x\n", "row 1: expected 2 squares among .*, got 'x'"),
+        ("height 2\nwidth 4\nmap\n....\n...\n", "line 6: the row has 3 squares, but .* has 4"),
+        ("height 1\nwidth 2\nmap\n.x\n", "line 5, column 2: expected one of '@OTW' .*, got 'x'"),
         ("height 1", "width: expected 0 as in the rows below, got None"),
     ):
         path.write_text(f"type octile\n{text}")

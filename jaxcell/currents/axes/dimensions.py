@@ -35,11 +35,7 @@ class Axes:
 
     @property
     def between(self) -> int | None:
-        """The axis (-2 for y, -1 for x) along which the velocity is staggered, or `None`.
-
-        A staggered velocity is on the cell faces, between the centres. The dimensions
-        eta_u and xi_v of ROMS run over centres, so they do not count as staggered.
-        """
+        """The axis (-2 for y, -1 for x) along which the velocity is between centres, or `None`."""
         return -2 if self.y in ("eta_v", "y_v") else -1 if self.x in ("xi_u", "x_u") else None
 
     @property
@@ -49,15 +45,10 @@ class Axes:
 
 
 def without_outer_faces(file: OceanFile) -> OceanFile:
-    """Leave out the first face of an axis with a face more than cells, as the faces in the file
-    then follow their cells."""
-    sizes = file.dataset.sizes
-    outer = {
-        side: slice(1, None)
-        for side, centre in STAGGERED.items()
-        if centre in sizes and sizes.get(side) == sizes[centre] + 1
-    }
-    return dataclasses.replace(file, dataset=file.dataset.isel(outer)) if outer else file
+    """Leave out the first face of an axis with a face more than cells; then faces follow cells."""
+    sizes, one = file.dataset.sizes, slice(1, None)
+    outer = {s: one for s, c in STAGGERED.items() if c in sizes and sizes.get(s) == sizes[c] + 1}
+    return dataclasses.replace(file, dataset=file.dataset.isel(outer))
 
 
 def find_axes(file: OceanFile, name: str) -> Axes:
@@ -90,27 +81,20 @@ def find_axes(file: OceanFile, name: str) -> Axes:
 
 def is_rectangular(file: OceanFile, axes: Axes) -> bool:
     """Return whether longitude depends on x only, and latitude on y only."""
-    return all(
-        file.dataset[name].dims == (dim,) for name, dim in ((axes.lon, axes.x), (axes.lat, axes.y))
-    )
+    lon, lat = file.dataset[axes.lon], file.dataset[axes.lat]
+    return lon.dims == (axes.x,) and lat.dims == (axes.y,)
 
 
 def axis_kind(dataset: xr.Dataset, dim: str) -> Kind | None:
     """Find the axis along which a dimension runs, such as depth, from its name or attributes."""
-    conventions = {kind: next(table(kind)) for kind in _AXES.values()}
-    for kind, convention in conventions.items():
-        if POINTS.sub("", dim.lower()) in convention.names:
-            return kind
-    if dim not in dataset.variables:
-        return None
-    attributes = dataset[dim].attrs
-    standard_name = str(attributes.get("standard_name", ""))
-    for kind, convention in conventions.items():
-        if standard_name in convention.standard_names:
-            return kind
-    if standard_name.startswith(TERRAIN):
+    rows = {kind: next(table(kind)) for kind in _AXES.values()}
+    about = dataset[dim].attrs if dim in dataset.variables else {}
+    name, standard_name = POINTS.sub("", dim.lower()), str(about.get("standard_name", ""))
+    kinds = [kind for kind, row in rows.items() if name in row.names]
+    kinds += [kind for kind, row in rows.items() if standard_name in row.standard_names]
+    if not kinds and standard_name.startswith(TERRAIN):
         return "depth"
-    return _AXES.get(str(attributes.get("axis", "")))
+    return kinds[0] if kinds else _AXES.get(str(about.get("axis", "")))
 
 
 def _check_structured(file: OceanFile, velocity: str) -> None:

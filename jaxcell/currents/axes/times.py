@@ -81,17 +81,13 @@ def record_times(file: OceanFile, dim: str | None) -> RecordTimes:
         raise file.error(name, why)
     if (backwards := np.diff(times) <= np.timedelta64(0, "ns")).any():
         k = int(backwards.argmax())
-        raise file.error(
-            name, f"expected times in order, got {times[k + 1]} after {times[k]} (record {k + 1})"
-        )
+        got = f"got {times[k + 1]} after {times[k]} (record {k + 1})"
+        raise file.error(name, f"expected times in order, {got}")
     return RecordTimes(times, start, dated, note)
 
 
 def read_times(file: OceanFile, name: str) -> Shaped[np.ndarray, " records"]:
-    """Read the times of a variable as datetime64, or as cftime if the calendar is not standard.
-
-    Times without a date are returned in seconds.
-    """
+    """Read times as datetime64, as cftime in rare calendars, or in seconds if there is no date."""
     variable = file.dataset[name]
     if variable.dtype.kind in "MO":
         return variable.values.reshape(-1)
@@ -159,11 +155,9 @@ def _calendar(file: OceanFile, name: str) -> str:
     for word, calendar in _CALENDARS.items():
         if re.fullmatch(word, spelt, re.IGNORECASE):
             return calendar
-    raise file.error(
-        name,
-        f"calendar: {spelt!r} is unknown; name it with calendar (--calendar standard, "
-        "proleptic_gregorian, julian, 360_day, noleap or all_leap)",
-    )
+    known = "standard, proleptic_gregorian, julian, 360_day, noleap or all_leap"
+    way_on = f"name it with calendar (--calendar {known})"
+    raise file.error(name, f"calendar: {spelt!r} is unknown; {way_on}")
 
 
 def _in_nanoseconds(dates: Any) -> Any:
@@ -175,10 +169,7 @@ def _in_nanoseconds(dates: Any) -> Any:
 
 
 def read_period(when: Any) -> tuple[str, str] | None:
-    """Return the begin and the end of a month `2020-03` or of a period `2020-03-01/2020-03-11`.
-
-    **Returns:** moments, or `None` for other texts and objects.
-    """
+    """Return begin and end of a month `2020-03` or a period `2020-03-01/2020-03-11`, or `None`."""
     if not isinstance(when, str):
         return None
     if "/" in when:
@@ -279,12 +270,11 @@ def time_variable(file: OceanFile, dim: str | None) -> str | None:
         return next((n for n in names if n in variables and variables[n].size == 1), None)
     if dim in variables:
         return dim
-    for name, variable in variables.items():
-        if variable.dims == (dim,) and is_time(file.dataset, str(name)):
-            return str(name)
-    raise file.error(
-        dim, f"no variable gives the times of this dimension; to count its records, {_NAME_IT}"
-    )
+    for name in map(str, variables):
+        if variables[name].dims == (dim,) and is_time(file.dataset, name):
+            return name
+    why = "no variable gives the times of this dimension"
+    raise file.error(dim, f"{why}; to count its records, {_NAME_IT}")
 
 
 def is_time(dataset: xr.Dataset, name: str) -> bool:

@@ -56,9 +56,8 @@ def on_points(file: OceanFile, u: str, v: str) -> OceanFile:
 def _on_sides(file: OceanFile, u: str, dims: set[str]) -> bool:
     """Return whether a velocity is on the cell faces of NEMO's grid.
 
-    The names of its depths, dimensions or positions decide. If the names do not decide, the
-    velocity is on the faces if its positions are nearer to the faces of the mesh than to the
-    centres.
+    The names of its depths, dimensions or positions decide; or else whether its positions are
+    nearer to the faces of the mesh than to the centres.
     """
     dataset = file.dataset
     if dims & set(dataset.variables):

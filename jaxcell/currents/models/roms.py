@@ -27,9 +27,8 @@ def to_centres(
 ) -> Float[np.ndarray, "..."]:
     """Average the velocity on the cell faces to the cell centres, along an axis.
 
-    No water flows through a coast, so the velocity on a face that is not open is 0, as in the
-    model. At both ends the file lacks the outer face, and the centre gets the velocity of the inner
-    face.
+    No water flows through a coast, so the velocity on a face that is not open is 0. At both ends
+    the file lacks the outer face, and the centre gets the velocity of the inner face.
     """
     flow = np.where(open_sides, sides, 0.0)
     before = np.concatenate([flow.take([0], axis), flow], axis)
@@ -56,8 +55,7 @@ class SLevels:
         """Compute the height of each level over the mean sea surface in metres.
 
         `depth` is the depth of the sea bed under the mean surface, positive, and `surface` the
-        height of the surface (zeta). On land the height may be NaN, because the formula divides by
-        0.
+        height of the surface (zeta). On land the height may be NaN.
         """
         s, stretching = self.s[:, None, None], self.stretching[:, None, None]
         with np.errstate(all="ignore"):  # on land the depth is arbitrary
@@ -92,10 +90,7 @@ class SLevels:
 
 
 def read_s_levels(file: OceanFile, dim: str) -> tuple[SLevels, str]:
-    """Read the levels of a file; return them, and a phrase that names the source of Vtransform.
-
-    Parameters may be variables or global attributes.
-    """
+    """Read the levels of a file; return them, and a phrase that names the source of Vtransform."""
     transform, why = _transform(file, dim)
     terms = formula_terms(file, dim)
     s = _levels(file, dim, (dim, "s_rho", "sc_r"))
@@ -160,10 +155,7 @@ def _read(file: OceanFile, names: tuple[str, ...]) -> Float[np.ndarray, " values
 
 
 def _transform(file: OceanFile, dim: str) -> tuple[int, str]:
-    """Read Vtransform, or derive it from attributes; also return a phrase that names its source.
-
-    It is 0 for levels at shares of the depth.
-    """
+    """Read or derive Vtransform, 0 for levels at shares of the depth; name its source in words."""
     variables, attributes = file.dataset.variables, file.dataset.attrs
     standard_name = str(variables[dim].attrs.get("standard_name")) if dim in variables else ""
     if standard_name == "ocean_sigma_coordinate":
@@ -173,9 +165,8 @@ def _transform(file: OceanFile, dim: str) -> tuple[int, str]:
         if value.size != 1 or value[0] not in (1, 2):
             raise file.error("Vtransform", f"expected 1 or 2, got {value}")
         return int(value[0]), f"Vtransform {value[0]:g}"
-    for number in (1, 2):
-        if standard_name == f"ocean_s_coordinate_g{number}":
-            return number, f"Vtransform {number}, as {dim} is {standard_name}"
+    if match := re.fullmatch("ocean_s_coordinate_g([12])", standard_name):
+        return int(match[1]), f"Vtransform {match[1]}, as {dim} is {standard_name}"
     if str(attributes.get("VertCoordType")).upper() == "NEW":
         return 2, "Vtransform 2, as VertCoordType is NEW"
     raise file.error("Vtransform", f"missing, and {dim} does not say it either; expected 1 or 2")

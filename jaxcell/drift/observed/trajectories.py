@@ -129,8 +129,7 @@ class Trajectories(Shown):
             at = f"the first is at {lat[first]:g} N, {lon[first]:g} E"
             still = f"which rest at exactly 0 N 0 E; {at}; for another limit, set `max_speed`"
             doubt(~possible, possible, f"{fast}, or {still}")
-        number = np.unique(drifter, return_inverse=True)[1].astype(np.int64)
-        return cls(lon, lat, time, number, source, since, drogued)._selected(possible)
+        return cls(lon, lat, time, drifter, source, since, drogued)._selected(possible)
 
     def _selected(self, chosen: Bool[np.ndarray, "observations"]) -> "Trajectories":
         """Select observations, and number their drifters from 0."""
@@ -343,8 +342,8 @@ def _drifters(file: OceanFile, lon: xr.DataArray, time: xr.DataArray) -> xr.Data
             owner = np.repeat(np.arange(counts.size), counts.astype(np.int64))
             return xr.DataArray(owner, dims=[dim])
     for name, variable in file.dataset.variables.items():
-        about, known = variable.attrs, str(name).lower() in _LABELS
-        labels = "instance_dimension" in about or about.get("cf_role") == "trajectory_id" or known
+        about, usual = variable.attrs, str(name).lower() in _LABELS
+        labels = "instance_dimension" in about or about.get("cf_role") == "trajectory_id" or usual
         if labels and variable.dims == (dim,):
             _, label = np.unique(variable.values, return_inverse=True)
             return xr.DataArray(label, dims=[dim])

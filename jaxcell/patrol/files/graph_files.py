@@ -36,12 +36,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...base.bundled import with_path
-from ...base.documents import MAX_NUMBER, Fields, checked_number, checked_pair, refused
+from ...base.documents import MAX_NUMBER, Fields, about, checked_number, checked_pair, refused
 from ...base.doubts import Doubt, warn
 from ...optimize import Graph
 from ...optimize.geographic import degrees, great_circles, in_metres
 from ...optimize.graph import numbered
-from .graph_formats import Edge, Vertex, about_file, doubt_attributes, of_networkx, parsed
+from .graph_formats import Edge, Vertex, doubt_attributes, of_networkx, parsed
 
 
 # Edges that are all shorter, in metres, are rather differences of degrees.
@@ -99,7 +99,7 @@ def load_graph(
         return graph, tuple(map(str, range(graph.vertices) if path is graph else numbered(path)))
     path = Path(with_path(os.fspath(path)))
     vertices, edges, directed = parsed(path, weight)
-    with about_file(path):
+    with about(path):
         _, _, places, lengths = parts = checked_parts(vertices, edges)
         doubt_attributes(str(path), edges, places is not None, bool(directed))
         ways = _simple_ways(*parts, directed)
@@ -154,7 +154,7 @@ def load_ways(
     else:
         name = with_path(os.fspath(path))
         vertices, edges, one_way = parsed(Path(name), weight)
-    with about_file(Path(name)):
+    with about(name):
         parts = checked_parts(vertices, edges)
         doubt_attributes(name, edges, parts[2] is not None, directed or bool(one_way))
         return _simple_ways(*parts, one_way or "directed" * directed)

@@ -1,10 +1,9 @@
 """Parsers of the formats of graph files, whose vertices and edges are not yet checked."""
 
-import contextlib
 import functools
 import reprlib
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 from xml.etree.ElementTree import ParseError
@@ -13,6 +12,7 @@ import numpy as np
 
 from ...base.documents import (
     Fields,
+    about,
     check_file,
     checked_list,
     checked_number,
@@ -62,15 +62,6 @@ Parts: TypeAlias = tuple[list[Vertex], list[Edge], str]
 """Vertices, edges, and the field of the file that makes the graph directed, or an empty text."""
 
 
-@contextlib.contextmanager
-def about_file(path: Path) -> Iterator[None]:
-    """Put the name of a file before the message of a `ValueError`."""
-    try:
-        yield
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
-
-
 def parsed(path: Path, weight: str | None = None) -> Parts:
     """Parse a file. The text is the field that makes the graph directed, or empty.
 
@@ -86,7 +77,7 @@ def parsed(path: Path, weight: str | None = None) -> Parts:
         **dict.fromkeys(LIST_SUFFIXES, functools.partial(_parse_list, weight)),
         **{name: functools.partial(_parse_networkx, name, length) for name in _NETWORKX},
     }
-    with about_file(path):
+    with about(path):
         if suffix not in parsers:
             raise ValueError(f"unknown format {suffix!r}; expected {SUFFIXES}")
         parts = parsers[suffix](_text(path))
@@ -190,9 +181,7 @@ def _parse_networkx(suffix: str, weight: str, text: str) -> Parts:
             "entities can grow without bounds; expected none"
         )
     try:
-        with warnings.catch_warnings():
-            # Warnings about ports and types are ignored.
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"):  # about ports and types
             graph = {
                 ".graphml": lambda: nx.parse_graphml(text, force_multigraph=True),
                 ".gml": lambda: nx.parse_gml(lines),
@@ -270,10 +259,8 @@ def _parse_simulator(text: str) -> Parts:
                 edges.append(Edge(place, name, other, length))
             back = lengths.setdefault(ends, length)
             if back != length:
-                raise ValueError(
-                    f"{place}: from vertex {name} to {other} it is {length:g} m, and "
-                    f"{back:g} m back; expected equal lengths in both directions"
-                )
+                got = f"from vertex {name} to {other} it is {length:g} m, and {back:g} m back"
+                raise ValueError(f"{place}: {got}; expected equal lengths in both directions")
     if at < len(words):
         raise ValueError(f"word {at + 1}: {words[at]!r} comes after the last of {total} vertices")
     return vertices, edges, ""
@@ -298,10 +285,8 @@ def _parse_list(weight: str | None, text: str) -> Parts:
             expected = "a vertex (name x y) or an edge (name name), words with spaces between"
             raise refused(field, expected, line.strip())
     if vertices and not edges:
-        raise ValueError(
-            "it has no edges: a line of three words is a vertex, name x y; if it is an edge with "
-            "its length, set `weight`"
-        )
+        why = "it has no edges: a line of three words is a vertex, name x y"
+        raise ValueError(f"{why}; if it is an edge with its length, set `weight`")
     if not vertices:
         ends = {name: edge.field for edge in edges for name in (edge.tail, edge.head)}
         vertices = [Vertex(field, name, {}) for name, field in ends.items()]

@@ -5,11 +5,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...base.documents import Fields, check_file, checked_list, decode_json, read_text
+from ...base.documents import Fields, about, check_file, checked_list, decode_json, read_text
 from ...optimize import Graph
 from ...optimize.validation import distribution
 from ..team.times import directed_times
-from .graph_formats import about_file
 
 
 class WalkProblem(NamedTuple):
@@ -39,7 +38,7 @@ def load_problem(path: str | os.PathLike[str]) -> WalkProblem:
     """
     path = Path(path)
     check_file(path, "a problem of RoSSO")
-    with about_file(path):
+    with about(path):
         document = decode_json(read_text(path), "a problem of RoSSO")
         problem = document.get("problem_params") if isinstance(document, dict) else None
         if not isinstance(problem, dict):

@@ -66,7 +66,7 @@ def _load(
         first = next(iter(numbers.values()))
         if len(rest) != len(first):
             raise ValueError(f"{at}: expected {len(first)} numbers, as before, got {len(rest)}")
-    missing = next((name for name in names if name not in numbers), None)
-    if missing is not None:
-        raise ValueError(f"{path}: there is no number for vertex {missing!r}")
+    for name in names:
+        if name not in numbers:
+            raise ValueError(f"{path}: there is no number for vertex {name!r}")
     return np.array([numbers[name] for name in names])

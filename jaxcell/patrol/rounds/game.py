@@ -11,12 +11,11 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Bool, Float, Int
 
-from ...base.documents import Fields, check_file, decode_json, read_text, refused
+from ...base.documents import Fields, about, check_file, decode_json, read_text, refused
 from ...base.paths import replacing
 from ...base.shown import Pictured
 from ...optimize.validation import check_count, one_each
 from ..files.graph_files import Ways, about_omitted, load_ways
-from ..files.graph_formats import about_file
 
 
 Adversary: TypeAlias = Literal["blind", "watcher"]
@@ -269,7 +268,7 @@ def is_game(path: str | os.PathLike[str]) -> bool:
     path = Path(path)
     if path.suffix.lower() != ".json" or not path.is_file():
         return False
-    with about_file(path):
+    with about(path):
         document = decode_json(read_text(path), "a game or a graph")
     return isinstance(document, dict) and "targets" in document
 
@@ -293,7 +292,7 @@ def load_game(path: str | os.PathLike[str]) -> Game:
     """
     path = Path(path)
     check_file(path, "a game")
-    with about_file(path):
+    with about(path):
         document = decode_json(read_text(path), "a game")
         if not isinstance(document, dict):
             raise ValueError(f"expected an object, got {reprlib.repr(document)}")

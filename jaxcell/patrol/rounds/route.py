@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...base.documents import Fields, check_file, decode_json, read_text, refused
+from ...base.documents import Fields, about, check_file, decode_json, read_text, refused
 from ...base.paths import replacing
-from ..files.graph_formats import about_file
 from .game import Game
 
 
@@ -107,7 +106,7 @@ def load_routes(path: str | os.PathLike[str], game: Game) -> tuple[Route, ...]:
     path = Path(path)
     check_file(path, "a strategy")
     number = {name: vertex for vertex, name in enumerate(game.names)}
-    with about_file(path):
+    with about(path):
         document = decode_json(read_text(path), "a strategy")
         if not isinstance(document, dict):
             raise ValueError(f"expected an object, got {reprlib.repr(document)}")

@@ -7,7 +7,7 @@ from typing import Any
 from ...automata import Belief, Filter, HiddenMap, Policy
 from ...automata.filter import CONFIRM
 from ...automata.formats.storage import read_kind
-from ...base.documents import Fields, decode_json, read_text
+from ...base.documents import Fields, about, decode_json, read_text
 from ...base.results import check_result
 from ...space.cells import MAX_CELLS
 from ..followers import BeliefFollower, FilterFollower, Follower, PolicyFollower, Until
@@ -206,8 +206,6 @@ def _plan(path: Path, fields: Fields) -> PlanTask:
 
 
 def _json(path: Path) -> dict[str, Any]:
-    try:
+    with about(path):
         values = decode_json(read_text(path), "a task")
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
     return values if isinstance(values, dict) else {}

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...base.documents import Fields, refused
+from ...base.documents import Fields, about, refused
 from ...space import CellSpace, free_steps
 from ..routing import grid_steps, wave
 from .task import Task, common_fields, robot_fields, write_task
@@ -154,11 +154,9 @@ def _check_ways(task: PatrolTask) -> None:
         drawn[front] = True
         after = task.image[:, front][task.probability[:, front] > 0]
         front = np.unique(after[~drawn[after]])
-    try:
+    with about(task.path):
         away = wave(task.ways, task.start) < 0
         cut_off = np.flatnonzero(drawn.reshape(-1, away.size).any(axis=0) & away)
-    except ValueError as error:
-        raise ValueError(f"{task.path}: {error}") from None
     if cut_off.size:
         x, y, _ = task.cells.centre(int(cut_off[0]))
         raise ValueError(

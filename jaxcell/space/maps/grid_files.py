@@ -53,15 +53,7 @@ def parse_ascii(text: str, crop: Crop = None) -> dict[str, Any]:
     if not rows:
         raise ValueError("the grid has no rows")
 
-    for number, row in enumerate(rows, first + 1):
-        for column, character in enumerate(row, 1):
-            if character not in _BLOCKED + _FREE:
-                expected = f"expected one of '{_BLOCKED}' (blocked) or '{_FREE}' (free)"
-                raise ValueError(f"line {number}, column {column}: {expected}, got {character!r}")
-        if len(row) != len(rows[0]):
-            other = f"but the first row, line {first + 1}, has {len(rows[0])}"
-            raise ValueError(f"line {number}: the row has {len(row)} squares, {other}")
-    blocked = np.array([[character in _BLOCKED for character in row] for row in rows[::-1]])
+    blocked = _squares(rows, first + 1, _BLOCKED, _FREE)
     fields: dict[str, Any] = {"name": header["name"]} if "name" in header else {}
     if "robot_radius" in header:
         fields["robot_radius"] = read_number("robot_radius", header["robot_radius"])
@@ -91,14 +83,23 @@ def parse_moving_ai(text: str, crop: Crop = None) -> dict[str, Any]:
         if sizes.get(name, "").strip() != str(number):
             got = f"got {sizes.get(name)}"
             raise ValueError(f"{name}: expected {number} as in the rows below, {got}")
-    for number, row in enumerate(rows, 1):
-        wrong = next((square for square in row if square not in ".GS@OTW"), None)
-        if wrong is not None or len(row) != len(rows[0]):
-            got = f"{len(row)} squares" if wrong is None else repr(wrong)
-            expected = f"{len(rows[0])} squares among .GS@OTW"
-            raise ValueError(f"row {number}: expected {expected}, got {got}")
-    blocked = np.array([[square in "@OTW" for square in row] for row in rows[::-1]])
+    blocked = _squares(rows, header.count("\n") + 3, "@OTW", ".GS")
     return grid_fields(blocked, (0.0, 0.0), 1.0, crop=crop)
+
+
+def _squares(
+    rows: list[str], first: int, blocked: str, free: str
+) -> Bool[np.ndarray, "rows columns"]:
+    """Return the blocked squares of rows of equal length; the `first` line is the highest row."""
+    for number, row in enumerate(rows, first):
+        for column, square in enumerate(row, 1):
+            if square not in blocked + free:
+                expected = f"expected one of '{blocked}' (blocked) or '{free}' (free)"
+                raise ValueError(f"line {number}, column {column}: {expected}, got {square!r}")
+        if len(row) != len(rows[0]):
+            other = f"but the first row, line {first}, has {len(rows[0])}"
+            raise ValueError(f"line {number}: the row has {len(row)} squares, {other}")
+    return np.array([[square in blocked for square in row] for row in rows[::-1]])
 
 
 def format_ascii(

@@ -26,8 +26,6 @@ def read_image(content: bytes, formats: tuple[str, ...] | None = None) -> Image.
     finally:
         Image.MAX_IMAGE_PIXELS = usual
     if too_large:
-        raise ValueError(
-            f"too large: {image.width:,} x {image.height:,} pixels; expected at most "
-            f"{MOST_PIXELS:,}: save a part of the picture, or shrink it"
-        )
+        most = f"at most {MOST_PIXELS:,}: save a part of the picture, or shrink it"
+        raise ValueError(f"too large: {image.width:,} x {image.height:,} pixels; expected {most}")
     return image

@@ -12,11 +12,13 @@ import os
 import reprlib
 from collections.abc import Mapping
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import shapely
 
 from ...base.documents import (
+    about,
     check_file,
     checked_list,
     checked_number,
@@ -52,16 +54,14 @@ def read_map(
     path = Path(path)
     check_file(path, "a map")
     suffix = path.suffix.lower()
-    try:
+    with about(path):
         if suffix in _PLAN_SUFFIXES:
             if crop is not None:
                 why = "`crop` has no effect; expected a map of squares: .yaml, .txt or .map"
                 raise ValueError(why)
             fields = parse_json(read_text(path), path.name)
         elif suffix in _MAP_SERVER_SUFFIXES:
-            from .map_server import parse_map_server
-
-            fields = parse_map_server(read_text(path), path.parent, unknown, crop)
+            fields = _map_server().parse_map_server(read_text(path), path.parent, unknown, crop)
         elif suffix in _GRID_SUFFIXES:
             text = read_text(path)
             parse = parse_moving_ai if text.startswith("type ") else parse_ascii
@@ -70,10 +70,6 @@ def read_map(
             raise ValueError("an image alone has no scale; give the map_server .yaml that names it")
         else:
             raise ValueError(f"unknown format {suffix!r}; expected {_SUFFIXES}")
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
-    except ModuleNotFoundError as error:
-        raise explained(error) from None
     return {"name": path.stem, **fields}
 
 
@@ -88,26 +84,28 @@ def write_map(
     """
     path = Path(path)
     suffix = path.suffix.lower()
-    try:
+    with about(path):
         if suffix == ".json":
             files = {path: format_json(fields).encode()}
         elif suffix in _GRID_SUFFIXES:
             files = {path: format_ascii(fields, environment).encode()}
         elif suffix in _MAP_SERVER_SUFFIXES:
-            from .map_server import format_map_server
-
             image = path.with_suffix(".pgm")
-            text, pixels = format_map_server(fields, environment, image.name)
+            text, pixels = _map_server().format_map_server(fields, environment, image.name)
             files = {image: pixels, path: text.encode()}
         else:
             raise ValueError(f"unknown format {suffix!r}; expected {_SUFFIXES}")
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
-    except ModuleNotFoundError as error:
-        raise explained(error) from None
     for file, content in files.items():
         with replacing(file) as temporary:
             temporary.write_bytes(content)
+
+
+def _map_server() -> ModuleType:
+    try:
+        from . import map_server
+    except ModuleNotFoundError as error:
+        raise explained(error) from None
+    return map_server
 
 
 def parse_json(text: str, file: str = "map") -> dict[str, Any]:
@@ -140,10 +138,8 @@ def parse_json(text: str, file: str = "map") -> dict[str, Any]:
 
     fields = {key: document[key] for key in _KEYS if key in document}
     fields["boundary"] = _vertices("boundary", fields["boundary"], units)
-    fields["obstacles"] = [
-        _vertices(f"obstacles[{i}]", ring, units)
-        for i, ring in enumerate(checked_list("obstacles", fields.get("obstacles", [])))
-    ]
+    rings = enumerate(checked_list("obstacles", fields.get("obstacles", [])))
+    fields["obstacles"] = [_vertices(f"obstacles[{i}]", ring, units) for i, ring in rings]
     for key in ("robot_radius", "cell"):
         if key in fields:
             fields[key] = _length(key, fields[key], units)

@@ -103,10 +103,8 @@ def _settings(
             raise ValueError(f"{field}: it is missing; a map_server file has {', '.join(required)}")
     if (mode := document.get("mode", "trinary")) not in ("trinary", "scale", "raw"):
         raise refused("mode", "trinary, scale or raw", mode)
-    negate = {"0": False, "false": False, "1": True, "true": True}.get(
-        str(document["negate"]).lower()
-    )
-    if negate is None:
+    known = {"0": False, "false": False, "1": True, "true": True}
+    if (negate := known.get(str(document["negate"]).lower())) is None:
         raise refused("negate", "0 or 1", document["negate"])
 
     origin = document["origin"]
@@ -120,10 +118,8 @@ def _settings(
     occupied = read_number("occupied_thresh", document["occupied_thresh"])
     free = read_number("free_thresh", document["free_thresh"])
     if not 0 <= free <= occupied <= 1:
-        raise ValueError(
-            "free_thresh, occupied_thresh: expected 0 <= free_thresh <= occupied_thresh <= 1, "
-            f"got {free:g} and {occupied:g}"
-        )
+        expected = f"0 <= free_thresh <= occupied_thresh <= 1, got {free:g} and {occupied:g}"
+        raise ValueError(f"free_thresh, occupied_thresh: expected {expected}")
 
     if not isinstance(document["image"], str) or not document["image"]:
         raise refused("image", "the name of a file", document["image"])
@@ -142,12 +138,8 @@ def format_map_server(
     """Write a map as YAML text and a PGM image for map_server; `image` is the name of its file."""
     blocked, (x, y) = grid_of(fields, environment)
     text = (
-        f"image: {json.dumps(image)}\n"
-        f"resolution: {fields['cell']!r}\n"
-        f"origin: [{x!r}, {y!r}, 0.0]\n"
-        "negate: 0\n"
-        "occupied_thresh: 0.65\n"
-        "free_thresh: 0.196\n"
+        f"image: {json.dumps(image)}\nresolution: {fields['cell']!r}\norigin: [{x!r}, {y!r}, 0.0]\n"
+        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
     )
     rows, columns = blocked.shape
     pixels = np.where(blocked[::-1], 0, 254).astype(np.uint8)

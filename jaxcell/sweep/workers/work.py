@@ -18,12 +18,12 @@ from typing import Any
 
 import numpy as np
 
+from ...base.documents import about
 from ...base.formatting import did_you_mean
 from ...base.memory import free
 from ...base.process import is_ending
 from ...study import Study, parameters
 from ...study.loading import load_object
-from ...study.study import about
 from ..design import LIST_DIMENSION
 from ..spec import Chunk, Spec
 from ..study_task import WrongResultsError, check_files, check_members, study_task
@@ -189,7 +189,7 @@ def _study(task: Task) -> type[Study] | None:
 
 def prepared(spec: Spec) -> Spec:
     """Check a specification with the parameters of its first chunk, and make its paths absolute."""
-    try:
+    with about(spec.path):
         spec = with_task_found(spec)
         if (study := study_of(spec.task)) is None:
             return with_files_found(spec)
@@ -197,8 +197,6 @@ def prepared(spec: Spec) -> Spec:
         spec = with_files_found(spec)
         check_files(study, _with_each_file(spec, study), spec.seed)
         return spec
-    except ValueError as error:
-        raise ValueError(f"{spec.path}: {error}") from error
 
 
 def _with_each_file(spec: Spec, study: type[Study]) -> Iterator[tuple[str, dict[str, Any]]]:

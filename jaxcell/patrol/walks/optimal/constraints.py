@@ -9,7 +9,15 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ....base.documents import Fields, check_file, checked_list, decode_json, read_text, refused
+from ....base.documents import (
+    Fields,
+    about,
+    check_file,
+    checked_list,
+    decode_json,
+    read_text,
+    refused,
+)
 from ....base.quantities import Result, derived
 from ....optimize import Graph, Linear
 
@@ -87,15 +95,13 @@ def load_constraints(
     """
     path = Path(path)
     check_file(path, "constraints, a JSON")
-    try:
+    with about(path):
         document = decode_json(read_text(path), "constraints of a walk")
         if not isinstance(document, dict) or set(document) != {"constraints"}:
             raise ValueError("expected an object with the list 'constraints' alone")
         parts = Fields(document).parts("constraints")
         reader = _Reader(graph, names)
         return [constraint for part in parts for constraint in reader.read(part)]
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 class _Reader:
