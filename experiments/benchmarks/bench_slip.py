@@ -2,11 +2,10 @@
 
 Run `python experiments/benchmarks/bench_slip.py`; it takes half a minute.
 
-Beliefs and bounded sets have at most 50,000 fine cells of `lab_a`. The estimators follow runs of 40
-observations of an emulated body with errors of 2 %. Bounded sets allow three times these errors, so
-that finally all cells are possible, which takes longest. Each time includes the estimate after the
-observation. The table has wall-clock times and times of the processor, because on a busy machine
-only the latter are meaningful.
+The belief has at most 50,000 fine cells of `lab_a`. The estimators follow runs of 40 observations
+of an emulated body with errors of 2 %. Each time includes the estimate after the observation. The
+table has wall-clock times and times of the processor, because on a busy machine only the latter are
+meaningful.
 """
 
 import math
@@ -21,7 +20,7 @@ from timing import begin, header, line
 from experiments.chapter_2.slip_runs import run
 from experiments.shared.data import MAPS
 from jaxcell.automata import Belief
-from jaxcell.bounce import FineCells, bounded_map, slip_map
+from jaxcell.bounce import FineCells, slip_map
 from jaxcell.robot import Particles
 from jaxcell.robot.emulation.body import bumper_give
 from jaxcell.space import CellSpace, Slip
@@ -34,11 +33,10 @@ MAX_S = 0.005
 def estimators(cells: CellSpace) -> dict[str, tuple[str, Any]]:
     """Make the estimators, each with its size as text."""
     give = bumper_give(cells.cell)
-    slip, most = Slip.of(ERROR, give=give), Slip.of(3 * ERROR, give=give)
-    fine, wide = (FineCells.within(cells, one, MAX_CELLS) for one in (slip, most))
+    slip = Slip.of(ERROR, give=give)
+    fine = FineCells.within(cells, slip, MAX_CELLS)
     return {
         "belief": (f"{fine.size:,} cells", Belief(slip_map(fine, [BOUNCE], slip))),
-        "bounded sets": (f"{wide.size:,} cells", bounded_map(wide, BOUNCE, most)),
         "particles": ("1,000 particles", Particles(cells, BOUNCE, slip, count=1_000)),
     }
 

@@ -6,13 +6,11 @@ A point robot with one bouncing angle makes `--observations` observations, start
 cell. Each straight piece and each turn has a random relative error, and the heading changes by the
 same error in radians per metre. The emulator moves its body in continuous time and space; with
 `--driver` through the driver, its commands and frames, which is a hundred times slower. No
-estimator knows the start or the errors. Four estimators follow the same runs:
+estimator knows the start or the errors. Three estimators follow the same runs:
 
 - `combinatorial`: the filter of section 2.4, whose model has no slip;
 - `belief`: the 95 % credible set of a belief among fine cells; with `--models`, on `--few` runs,
   also for models whose errors differ from those of the robot by a factor;
-- `bounded`: the set of possible cells for errors of at most three standard deviations, on `--few`
-  runs;
 - `particles`: Monte Carlo localization with `--particles` particles, on `--few` runs.
 
 The columns are the share of runs whose answer contains the robot at the end, with its 95 % Wilson
@@ -68,17 +66,6 @@ A belief whose model has twice the errors, on 100 runs:
 | 2 % | 100 (96.6) 5.1 9.4 | 100 (96.6) 4.9 7.5 | 99.0 (95.4) 39.7 | 96.0 (95.4) 24.3 |
 | 5 % | 99.0 (95.4) 35.7 | 98.0 (95.4) 17.8 | 100 (95.0) 365 | 99.0 (95.0) 443 |
 
-Bounded sets, on 500 runs (`--few 500`), always contain the robot, and from 2 % on finally contain
-nearly all cells:
-
-| errors | lab_a | lab_b | complex | depot |
-| --- | --- | --- | --- | --- |
-| 0 % | 100 9.7 6.4 | 100 12.8 6.4 | 100 507 | 100 805 |
-| 1 % | 100 128 | 100 133 | 100 1226 | 100 1438 |
-| 2 % | 100 143 | 100 146 | 100 1411 | 100 1504 |
-| 5 % | 100 150 | 100 150 | 100 1462 | 100 1504 |
-| 10 % | 100 152 | 100 152 | 100 1464 | 100 1504 |
-
 A thousand particles, on 500 runs, which are too few for maps of 1,464 and 1,504 cells:
 
 | errors | lab_a | lab_b | complex | depot |
@@ -95,8 +82,8 @@ This is some ten times as long as the belief, whose sets are up to twice as larg
 robot as often as their probability.
 
 On a shared machine, an observation with its answer takes the belief a mean of 0.9 to 1.1 ms of the
-processor, with 92,000 to 97,000 fine cells; bounded sets take 0.3 to 3.2 ms, a thousand particles
-0.8 to 3.1 ms, and the filter 0.01 ms.
+processor, with 92,000 to 97,000 fine cells; a thousand particles take 0.8 to 3.1 ms, and the filter
+0.01 ms.
 
 With `--driver`, a wall behind the robot stops 8 of 160 runs at 2 %, 40 on each map. The belief
 contains the robot in 150 of the other 152 runs, 98.7 % (95.3 to 99.6): 97.1 % on `lab_a`, 97.4 % on
@@ -119,7 +106,7 @@ import numpy as np
 
 from jaxcell.automata import Belief, Estimate
 from jaxcell.automata.belief import NOWHERE
-from jaxcell.bounce import FineCells, bounce_map, bounded_map, localization_filter, slip_map
+from jaxcell.bounce import FineCells, bounce_map, localization_filter, slip_map
 from jaxcell.robot import Particles
 from jaxcell.robot.emulation.body import bumper_give
 from jaxcell.space import CellSpace, Slip, nearest_cell
@@ -132,7 +119,7 @@ from .slip_runs import Run, run
 
 NAMES = ("lab_a", "lab_b", "complex", "depot")
 ERRORS = (0.0, 0.01, 0.02, 0.05, 0.1)
-ESTIMATORS = ("combinatorial", "belief", "bounded", "particles")
+ESTIMATORS = ("combinatorial", "belief", "particles")
 TABLES = {
     "truth": ("runs", "holds, %", "interval", "says, %", "refuted, %"),
     "size": ("cells, median", "cells, mean", "small, %", "bumps, mean", "ms"),
@@ -297,8 +284,6 @@ def estimated(
             yield among_fine(
                 f"belief{model}", lambda fine, slip: Belief(slip_map(fine, [bounce], slip)), factor
             )
-    if "bounded" in options.estimators:
-        yield among_fine("bounded", lambda fine, slip: bounded_map(fine, bounce, slip), 3.0)
     if "particles" in options.estimators:
         cloud = functools.partial(Particles, cells, bounce, slipping(1.0), count=options.particles)
         yield answers(f"particles, {options.particles:,}", cloud, options.few)

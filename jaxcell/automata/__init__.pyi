@@ -4,7 +4,6 @@ from .belief import (
     BeliefState as BeliefState,
     expected_entropy as expected_entropy,
 )
-from .bounded import Bounded as Bounded
 from .cycles import KnowledgeCycle as KnowledgeCycle
 from .environments import Environments as Environments, EnvironmentsState as EnvironmentsState
 from .equivalent import equivalence as equivalence

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 # Probabilities are stored in files as whole multiples of this number.
 _UNIT = 2.0**-30
-FEW = 0.2
-"The share of cells with positive weight below which matrix products skip the other cells."
+# The share of cells with positive weight below which matrix products skip the other cells.
+_FEW = 0.2
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -117,7 +117,7 @@ class HiddenMap(Shown):
         Events are numbered as in `leaving`; `weight` is the probability of each cell before it.
         """
         leaving, here = self.leaving(event), np.flatnonzero(weight > 0)
-        if here.size < FEW * weight.size:
+        if here.size < _FEW * weight.size:
             leaving, weight = leaving[here], weight[here]
         return leaving.T @ weight
 

@@ -28,8 +28,8 @@ most maps. `localization_policy` finds the choice with the fewest bumps; the res
 `LocalizationPolicy` and `AdaptivelyLocalized`.
 
 **A robot that slips.** Its state is a fine cell (`FineCells`): a square, the direction in which the
-robot believes it is heading, and the error of this belief. With random errors the map is a hidden
-Markov model, `slip_map`; with bounded errors it is a nondeterministic map, `bounded_map`.
+robot believes it is heading, and the error of this belief. The map is a hidden Markov
+model, `slip_map`.
 `slipping_run` drives such a robot until its belief covers few cells. At each bump the robot takes
 the angle that leaves the least expected entropy. The result is `Slipped`. `plan_runs` simulates
 runs of a plan. `slip_policy` chooses an angle for each fine cell, and `arrival_by` computes the

@@ -39,7 +39,6 @@ from .plans.all_plans import (
 from .plans.plan import Plan as Plan, plan as plan, replay as replay
 from .plans.roadmap import Roadmap as Roadmap
 from .proposed import ProposedAngles as ProposedAngles
-from .slip.bounds import bounded_map as bounded_map
 from .slip.fine_cells import FineCells as FineCells, slip_map as slip_map
 from .slip.plan_runs import plan_runs as plan_runs
 from .slip.policy import (

@@ -79,11 +79,6 @@ reversible one. `posterior` gives the interval of any quantity of it, and `chapm
 compares its powers with later observations. The implied time scales of a lag are
 `-lag / log |x|`, with the eigenvalues `x` of `leading_modes`.
 
-**From data.** `maximum_likelihood` estimates a chain from numbers of observed steps, also a
-reversible one. `posterior` gives the interval of any quantity of it, and `chapman_kolmogorov`
-compares its powers with later observations. The implied time scales of a lag are
-`-lag / log |x|`, with the eigenvalues `x` of `leading_modes`.
-
 **Method.** First, cells whose next cell is certain are eliminated. If at most 200 cells are left,
 these are eliminated too, without subtractions, which gives nearly all digits even of times of 1e60
 steps. A larger system is solved by repeated products with `P` if they converge soon, otherwise by a

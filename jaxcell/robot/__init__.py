@@ -43,7 +43,7 @@ sheet, and `CrossLook` searches for it with `find_cross` in frames from a `camer
 `pictures`. They need OpenCV (`pip install 'jaxcell[vision]'`).
 
 **Slip** is not sensed by the encoders. `Particles` estimate the place of a slipping robot, and have
-the same methods `start`, `observe` and `estimate` as `Belief` and `Bounded` of `jaxcell.automata`.
+the same methods `start`, `observe` and `estimate` as `Belief` of `jaxcell.automata`.
 
 **On ROS 2**, `jaxcell.robot.ros` drives an iRobot Create 3 or TurtleBot 4, or any base with
 `cmd_vel` and `odom`, and publishes the possible places of the robot. It must be imported

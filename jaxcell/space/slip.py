@@ -27,8 +27,7 @@ _CORNER = 1e-9
 class Slip(Shown):
     """The errors in the motion of a robot, which its wheel encoders do not measure.
 
-    The errors are normal, and independent for each straight stretch and turn. A model of bounded
-    errors takes the standard deviations as bounds.
+    The errors are normal, and independent for each straight stretch and turn.
 
         >>> from jaxcell import space
         >>> space.Slip.of(0.02)

@@ -5,7 +5,6 @@ from .drift import (
     compare_counted_drift as compare_counted_drift,
     compare_drift as compare_drift,
 )
-from .joint_trajectory import compare_team as compare_team
 from .localization import (
     compare_filter as compare_filter,
     compare_policy as compare_policy,

@@ -7,7 +7,7 @@ import pytest
 import scipy.sparse
 from hypothesis import given, settings, strategies as st
 
-from jaxcell.automata import Belief, Bounded, HiddenMap, expected_entropy
+from jaxcell.automata import Belief, HiddenMap, expected_entropy
 
 
 def random_map(seed, cells=4):
@@ -82,26 +82,12 @@ def test_nowhere_is_the_posterior_of_getting_lost_at_any_time(seed, observations
     assert state.nowhere == pytest.approx(off / (off + on_map))
 
 
-@few
-@cases
-def test_sets_are_those_of_all_paths(seed, observations):
-    hidden = random_map(seed)
-    sets = Bounded.of(hidden)
-    state = sets.start()
-    for observation in observations:
-        state = sets.observe(state, observation)
-    ends = {path[-1] for path, p in all_paths(hidden, observations).items() if p > 0}
-    assert set(state.tolist()) == ends
-
-
 def test_products_with_few_nonzero_cells_equal_those_with_the_whole_matrix():
     hidden = random_map(1, cells=40)
     weight = np.eye(40)[7] / 2
     for event, part in enumerate((hidden.moves, *hidden.bumps)):
         expected = weight @ part.toarray()
         np.testing.assert_allclose(hidden.after(event, weight), expected, atol=1e-15)
-        possible = Bounded.of(hidden).observe(np.array([7], np.int32), event)
-        np.testing.assert_array_equal(possible, np.flatnonzero(expected))
 
 
 def test_impossible_observation_proves_that_the_robot_is_nowhere():
@@ -110,7 +96,6 @@ def test_impossible_observation_proves_that_the_robot_is_nowhere():
     state = belief.observe(belief.start(), 1)
     assert state.nowhere == 1
     assert belief.estimate(state).cells.size == 0
-    assert Bounded.of(hidden).estimate(np.empty(0, np.int32)).nowhere == 1
 
 
 def test_robot_is_probably_nowhere_if_a_coin_explains_its_run_better():
@@ -181,11 +166,6 @@ def test_entropy_of_a_robot_that_never_bumps():
     assert expected_entropy(hidden, np.ones(4)) == 2
     assert expected_entropy(hidden, np.zeros(4)) == 0
     assert expected_entropy(hidden, np.array([0.5, 0.5, 5e-324, 0.0])) == 1
-
-
-def test_sets_of_several_angles_are_refused():
-    with pytest.raises(ValueError, match="expected a map of one angle, got 2"):
-        Bounded.of(map_with_angles(0))
 
 
 def test_bump_probabilities_that_depend_on_the_angle_are_refused():

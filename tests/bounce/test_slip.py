@@ -8,8 +8,6 @@ import math
 import jax
 import numpy as np
 import pytest
-import shapely
-from hypothesis import given, settings, strategies as st
 from wheels import walker_in
 
 from jaxcell import bounce, space
@@ -149,55 +147,6 @@ def test_a_robot_that_chooses_its_angle_is_localized_sooner(fine):
     assert bumps[2] < 0.8 * bumps[1]
 
 
-def bounded_run(cell, errors):
-    """The observations and poses of a robot by shapely; `errors` are shares of their bounds."""
-    felt = ROOM.free_space.buffer(SLIP.give, join_style="mitre")
-    x, y, theta = (float(v) for v in CELLS.centre(cell))
-    direction = cell // CELLS.positions
-    for along, veer, turn, back in errors:
-        leg = space.stride_legs(8, 1.0, 1.0)[direction, 0].item()
-        length, chord = leg * (1 + SLIP.step * along), theta + SLIP.heading * leg * veer / 2
-        end = x + length * math.cos(chord), y + length * math.sin(chord)
-        line = shapely.LineString([(x, y), end])
-        if felt.covers(line):
-            (x, y), theta = end, theta + SLIP.heading * leg * veer
-            yield 0, (x, y, theta)
-        else:
-            to_wall = line.intersection(felt.boundary).distance(shapely.Point(x, y))
-            gap = to_wall * (1 - (1 + SLIP.step * back) / (1 + SLIP.step * along))
-            x, y = x + gap * math.cos(chord), y + gap * math.sin(chord)
-            theta += TURN * (1 + SLIP.turn * turn)
-            direction = (direction + 3) % CELLS.directions
-            yield 1, (x, y, theta)
-
-
-@pytest.fixture(scope="module")
-def sets():
-    # The reach is half a turn, so that no heading is farther off.
-    fine = bounce.FineCells.of(CELLS, squares=5, directions=4, reach=16)
-    return bounce.bounded_map(fine, TURN, SLIP)
-
-
-@settings(max_examples=40, deadline=None)
-@given(
-    st.integers(0, CELLS.size - 1),
-    st.lists(st.tuples(*4 * [st.floats(-1, 1)]), min_size=1, max_size=25),
-)
-def test_sets_never_lose_a_robot_whose_errors_are_bounded(sets, cell, errors):
-    state = sets.start()
-    for observation, pose in bounded_run(cell, errors):
-        state = sets.observe(state, observation)
-        assert int(space.nearest_cell(CELLS, *pose)) in sets.estimate(state).cells
-
-
-def test_sets_of_a_robot_without_errors_exclude_most_cells():
-    fine = bounce.FineCells.of(CELLS, squares=5, directions=4, reach=2)
-    sets = bounce.bounded_map(fine, TURN, space.Slip(give=0.02))
-    observed, _ = run_of_the_emulator(0, 0.0, 12, 0)
-    state = functools.reduce(sets.observe, observed, sets.start())
-    assert 1 <= sets.estimate(state).cells.size < CELLS.size / 3
-
-
 def test_particles_find_the_emulated_robot():
     cloud, held = Particles(CELLS, TURN, space.Slip.of(0.03, give=0.02), count=2000), []
     for seed in range(12):
@@ -322,17 +271,3 @@ def test_a_belief_has_to_know_the_turn_at_bumps_to_hold_the_robot():
         held.append(np.mean(right))
     assert held[0] > 0.98
     assert held[1] < 0.97
-
-
-def test_bounded_sets_hold_a_robot_that_turns_and_skids_at_bumps():
-    cells = FINE_HEADINGS
-    fine = bounce.FineCells.of(cells, squares=1, directions=9, reach=4)
-    bumps = {"bump_turn": BUMP_TURN, "bump_skid": BUMP_SKID}
-    slip = space.Slip.of(3 * ERROR, give=0.02, **bumps)
-    sets = bounce.bounded_map(fine, TURN, slip)
-    rng = np.random.default_rng(1)
-    for cell in rng.integers(cells.size, size=6).tolist():
-        state = sets.start()
-        for observed, pose in emulated_run(cell, ERROR, 12, rng, cells=cells, **bumps):
-            state = sets.observe(state, observed)
-            assert int(cells.index(*pose)) in sets.estimate(state).cells

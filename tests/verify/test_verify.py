@@ -17,9 +17,8 @@ from jaxcell.bounce import (
     coverage_policy,
     localization_filter,
     plan,
-    team_trajectory,
 )
-from jaxcell.mapping import Chain, SimpleMap
+from jaxcell.mapping import SimpleMap
 from jaxcell.markov import Arrivals
 from jaxcell.optimize import Graph, Linear, minimum_commute
 from jaxcell.patrol.files.graph_files import load_graph
@@ -145,20 +144,6 @@ def test_altered_coverage_does_not_agree(lab):
     ]
 
 
-def test_altered_teams_do_not_agree(lab):
-    bounce = np.array([math.radians(135)])
-    team = team_trajectory(lab.cells, [0, 7, 18], bounce)
-    assert team.parts > 1
-    assert team.collisions.any()
-    meeting = int(np.flatnonzero(team.collisions)[0])
-    check(
-        lambda team: verify.compare_team(team, bounce),
-        team,
-        ({"collisions": changed(team.collisions, meeting, 0)}, "steps of the robots"),
-        ({"bumped": changed(team.bumped, (0, 0), not team.bumped[0, 0])}, "steps of the robots"),
-    )
-
-
 def test_altered_walks_on_a_graph_do_not_agree():
     graph, _ = load_graph(DATA / "graphs" / "eight.json")
     walk = patrol.GraphPatrol.of(graph, patrol.random_walk(graph, np.ones(len(graph.edges))))
@@ -228,31 +213,18 @@ def test_altered_patrols_of_a_map_do_not_agree():
 
     right = patrol.PatrolledMap(cells, reach, graph, visible, policies, attack, caught)
 
-    fewer = dataclasses.replace(caught, probability=0.999 * capture)
     seen = changed(visible, tuple(np.argwhere(~visible)[0]), True)
     slow = tuple(dataclasses.replace(one, commute_time=one.commute_time + 1) for one in policies)
-    back = dataclasses.replace(policies[0], chain=Chain.from_scipy(np.eye(cells.positions)))
-    other_way = (back, policies[1])
     # An obstacle is between cells 4 and 5.
     through = Graph(changed(graph.edges, 0, (4, 5)), xy=graph.xy)
     other = dataclasses.replace(attack, simulated=attack.simulated - 0.5)
-    late = dataclasses.replace(attack, exact=0.999 * attack.exact)
     check(
         verify.compare_patrolled_map,
         right,
-        ({"captures": fewer}, "capture of some cells"),
         ({"visible": seen}, "cells that are seen"),
         ({"policies": slow}, "commute times of the robots"),
-        ({"policies": other_way}, "probabilities of steps"),
-        (
-            {"graph": through},
-            "capture of some cells",
-            "steps through walls",
-            "probabilities of steps",
-            "commute times of the robots",
-        ),
+        ({"graph": through}, "steps through walls", "commute times of the robots"),
         ({"attack": other}, "capture of the target"),
-        ({"attack": late}, "capture of some cells"),
     )
 
 
