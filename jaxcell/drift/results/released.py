@@ -133,26 +133,29 @@ class Released(InOneLayer):
             drifters, by_chain, about["tried"] = find_sources(
                 water, flow, found, points, starts[0], times, polygons, seed=seed, say=say, **more
             )
-            return cls(water, hours, names, drifters, by_chain, place, **about)
-        for number, start in enumerate(starts):
-            one = say if len(starts) == 1 else lambda *_: None
-            say(f"following drifters of {counted(len(starts), 'release')}", number, len(starts))
-            part, own = np.split(points, len(starts), axis=1)[number], {"seed": seed + number}
-            with stoppable(lambda: parts):
-                parts.append(
-                    release_drifters(
-                        water, flow, part, start, times, polygons, say=one, **own, **more
+        else:
+            for number, start in enumerate(starts):
+                part, options = np.split(points, len(starts), axis=1)[number], more
+                if len(starts) == 1:
+                    options = {"say": say, **more}
+                say(f"following {counted(len(starts), 'release')}", number, len(starts))
+                with stoppable(lambda: parts):
+                    one = seed + number
+                    parts.append(
+                        release_drifters(
+                            water, flow, part, start, times, polygons, seed=one, **options
+                        )
                     )
-                )
-            if len(parts) == number or len(parts[-1].x) < len(times):
-                break
-        parts = [part for part in parts if len(part.x) == len(times)] or parts
-        starts, times = starts[: len(parts)], times[: len(parts[0].x)]
-        say("mapping the release on cells")
-        by_chain = push_release(water, flow, share, starts, times, more)
-        about["starts"] = (np.array(starts, float) - starts[0]) / 3600
-        hours = hours[: len(times)]
-        return cls(water, hours, names, _joined(parts), by_chain, place, **about)
+                if len(parts) == number or len(parts[-1].x) < len(times):
+                    break
+            parts = [part for part in parts if len(part.x) == len(times)] or parts
+            drifters, starts = _joined(parts), starts[: len(parts)]
+            say("mapping the release on cells")
+            by_chain = push_release(water, flow, share, starts, times[: len(drifters.x)], more)
+            about["starts"] = (np.array(starts, float) - starts[0]) / 3600
+        # Ctrl-C leaves only the times until then.
+        known = slice(len(drifters.x))
+        return cls(water, hours[known], names, drifters, by_chain[known], place, **about)
 
     @derived("", "drifters that were simulated", kind="count")
     def released(self) -> int:

@@ -123,14 +123,8 @@ class Release(WindowStudy):
         import numpy as np
 
         from ...base.intervals import drifters_for
+        from ...drift import released_drifters as of
         from ...drift.regions import read_polygons
-        from ...drift.released_drifters import (
-            area_around,
-            area_of,
-            points_around,
-            points_in,
-            tick_of,
-        )
 
         on, since, currents = self.window()
         water = drift.Water.of(currents, 0, self.coast)
@@ -139,17 +133,18 @@ class Release(WindowStudy):
         count = len(self.starts) * math.ceil(count / len(self.starts))
         looks = len(self.times)
         if self.backward:
-            looks += math.ceil(self.days * DAY / tick_of(water, flow))
+            looks += math.ceil(self.days * DAY / of.tick_of(water, flow))
         doing = f"{count:,} drifters at {len(self.times)} times"
         memory.check(_BYTES * count * looks, doing, "give a larger --precision")
         with about(f"start {self.start}"):
             if (place := self._place) is None:
                 polygons = read_polygons(self.start)[1]
-                points, area = points_in(random, water, polygons, count), area_of(water, polygons)
+                points = of.points_in(random, water, polygons, count)
+                area = of.area_of(water, polygons)
                 around = f"in the polygons of {Path(self.start).name}"
             else:
-                points = points_around(random, water, place, count, self.radius)
-                area = area_around(water, place, self.radius)
+                points = of.points_around(random, water, place, count, self.radius)
+                area = of.area_around(water, place, self.radius)
                 around = self._around(water, place)
         given: dict[str, Any] = {
             "regions": None if self.regions is None else read_polygons(self.regions),
