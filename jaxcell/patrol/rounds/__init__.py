@@ -3,7 +3,10 @@
 A `Game` has ways between vertices, each with a travel time in one direction, *targets* with attack
 times and values, and a number of robots. An adversary attacks a target from a moment that he
 chooses, and succeeds if no robot visits it until the attack time is over. He is *blind* if this
-moment is random, and a *watcher* if he sees the robots and knows their plans.
+moment is random, and a *watcher* if he knows the plans of robots, and sees where they are. In
+seconds he sees the vertex of a robot, or its way and direction, at any moment. In steps he sees it
+before each step, and robots at vertices decide afterwards; the attack is stopped by visits in the
+steps that it takes. Robots wait at any vertex, and walk each way to its end.
 
 The plan of a robot is a `Route`, a list of visits that repeats. `evaluate` computes the longest
 time between visits of all robots, and the *exposure* `e`: the share of moments at which an attack

@@ -6,6 +6,7 @@ whose times between visits exceed no attack that they did not exceed before. Ove
 this rounding the exposures are those of the first schedule, too.
 """
 
+import dataclasses
 import functools
 import itertools
 import math
@@ -16,7 +17,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 import scipy.optimize
 import scipy.sparse
-from jaxtyping import Int
+import scipy.sparse.csgraph
+from jaxtyping import Float, Int
 
 from .game import Game
 from .route import Route
@@ -26,6 +28,8 @@ from .route import Route
 _STATES, _ROBOT = 300_000, 4
 # Largest numbers of walks of all robots, and of moments that an adversary sees, and of bisections.
 _WALKS, _SEEN, _HALVED = 1000, 8, 10
+# Largest number of targets of a game in units of time.
+_PLACES = 200
 # Largest denominator of times relative to the first one, and largest number of units in a time.
 _DENOMINATOR, _UNITS = 1000, 200
 # Relative rounding error of a time.
@@ -76,6 +80,12 @@ class Clock(NamedTuple):
                 )
                 yield (there, now), order
 
+    def halved(self) -> "Clock":
+        """Divide the unit by two."""
+        ways = tuple(tuple((there, 2 * more + 1) for there, more in each) for each in self.ways)
+        lasts = tuple(tuple(2 * one for one in each) for each in self.lasts)
+        return Clock(self.unit / 2, ways, tuple(2 * a for a in self.attack), self.robots, lasts)
+
     def starts(self) -> Iterator[State]:
         """Yield states with all robots at targets, and all targets as if just visited."""
         every = [(target, 0) for target in range(len(self.attack))]
@@ -85,6 +95,8 @@ class Clock(NamedTuple):
 
 def clock_of(game: Game) -> Clock | None:
     """Return a game in units of time, or `None` if its times have no common unit, or a tiny one."""
+    if game.targets.size > _PLACES:
+        return None
     between = game.between
     times = np.append(between[np.isfinite(between) & (between > 0)], game.attack)
     if game.whole:
@@ -199,19 +211,51 @@ def _route(game: Game, at: Int[np.ndarray, "moments"], unit: float) -> Route:
     return Route(vertex[order], arrive[order], (arrive + stays)[order], period)
 
 
+def _of_all_vertices(game: Game) -> Game:
+    """Make targets of all vertices from which ways lead to targets and back."""
+    shape = (len(game.names),) * 2
+    matrix = scipy.sparse.csr_array((game.times, tuple(game.ends.T)), shape=shape)
+    _, part = scipy.sparse.csgraph.connected_components(matrix, connection="strong")
+    every = np.flatnonzero(part == part[game.targets[0]])
+    attack, value = np.full(every.size, game.attack.max()), np.ones(every.size)
+    attack[np.searchsorted(every, game.targets)] = game.attack
+    return dataclasses.replace(game, targets=every, attack=attack, value=value)
+
+
 def watched_risk(game: Game) -> float | None:
     """Bound the risk of all strategies, also random ones, for an adversary who sees the robots.
 
-    He sees their places at the last moments, as many as a linear program has room for. Its
-    variables are the shares of moments at which robots walk each way in these and in the moments of
-    an attack; shares without the first moment are those without the last one. Given what he sees,
-    each attack must be stopped often enough; the risk for which this is possible is bisected.
+    In a game in steps he sees before each step where each robot is: at a vertex, also one that is
+    no target, or on a way, and its direction. An attack that begins then is stopped by a visit in
+    one of the steps that it takes. A robot at a vertex decides after he has seen it there.
 
-    **Returns:** the bound; it is the optimum if he sees no more. `None` if times have no common
-    unit, or there are too many walks.
+    In seconds he sees this at any moment. The bound is for one who looks just before each multiple
+    of a unit that divides all times, or of its half. What he then sees of a strategy, and whether
+    its robots are in time, is the same with all times rounded down to multiples.
+
+    **Returns:** a risk that no strategy undercuts, in steps of 1/1024 of the largest value. `None`
+    if times have no common unit, or robots have too many places.
     """
-    if game.components[0] > 1 or (clock := clock_of(game)) is None:
+    if game.components[0] > 1 or len(game.names) > _PLACES:
         return None
+    if (clock := clock_of(everywhere := _of_all_vertices(game))) is None:
+        return None
+    targets = np.searchsorted(everywhere.targets, game.targets)
+    clocks = [clock] if game.whole else [clock, clock.halved()]
+    found = [_risk_by_clock(one, targets.tolist(), game.value) for one in clocks]
+    return max((risk for risk in found if risk is not None), default=None)
+
+
+def _risk_by_clock(
+    clock: Clock, targets: list[int], value: Float[np.ndarray, "targets"]
+) -> float | None:
+    """Bound the risk for an adversary who sees as many of the last units as there is room for.
+
+    The variables of a linear program are the shares of moments at which robots walk each way in
+    these and in the units of an attack; shares without the first moment are those without the last
+    one. Given what he sees, each attack must be stopped often enough; the risk for which this is
+    possible is bisected.
+    """
     every = [next(clock.starts())[0]]
     number, near = {every[0]: 0}, []
     for places in every:
@@ -220,7 +264,7 @@ def watched_risk(game: Game) -> float | None:
         every += list(number)[len(every) :]
         if len(every) > _WALKS:
             return None
-    visited = np.array([[(t, 0) in places for t in range(game.targets.size)] for places in every])
+    visited = np.array([[(t, 0) in places for t in targets] for places in every])
     walks, longest = np.arange(len(every))[:, None], max(clock.attack)
     while walks.shape[1] < longest + _SEEN:
         more = [near[end] for end in walks[:, -1].tolist()]
@@ -231,7 +275,10 @@ def watched_risk(game: Game) -> float | None:
     if (seen := walks.shape[1] - longest) < 1:
         return None
     caught = np.array(
-        [visited[walks[:, seen : seen + a], t].any(axis=1) for t, a in enumerate(clock.attack)]
+        [
+            visited[walks[:, seen : seen + clock.attack[t]], k].any(axis=1)
+            for k, t in enumerate(targets)
+        ]
     )
     ends = np.unique(np.append(walks[:, :-1], walks[:, 1:], axis=0), axis=0, return_inverse=True)[1]
     before = np.unique(walks[:, :seen], axis=0, return_inverse=True)[1]
@@ -239,13 +286,13 @@ def watched_risk(game: Game) -> float | None:
     rows = np.append(ends.ravel(), np.full(count, ends.max() + 1))
     signs, column = np.concatenate([ones, -ones, ones]), np.arange(count)
     balance = scipy.sparse.csr_array((signs, (rows, np.tile(column, 3))))
-    each = before.ravel() + np.arange(game.value.size)[:, None] * (before.max() + 1)
-    low, high = 0.0, float(game.value.max())
+    each = before.ravel() + np.arange(value.size)[:, None] * (before.max() + 1)
+    low, high = 0.0, float(value.max())
     for _ in range(_HALVED):
         risk = (low + high) / 2
-        missing = (1 - risk / game.value)[:, None] - caught
+        missing = (1 - risk / value)[:, None] - caught
         late = scipy.sparse.csr_array(
-            (missing.ravel(), (each.ravel(), np.tile(column, game.value.size)))
+            (missing.ravel(), (each.ravel(), np.tile(column, value.size)))
         )
         total = np.append(np.zeros(int(ends.max()) + 1), 1.0)
         found = scipy.optimize.linprog(0 * ones, late, np.zeros(late.shape[0]), balance, total)

@@ -3,6 +3,8 @@
 import dataclasses
 import itertools
 
+import jax
+import jax.numpy as jnp
 import networkx as nx
 import numpy as np
 import pytest
@@ -132,24 +134,28 @@ def test_answer_says_whether_all_schedules_were_compared():
 def most_against_recent(near, attack, seen):
     """Compute the capture by the best random walk if an adversary sees its last `seen` vertices.
 
-    The variables are the shares of all walks as long as what he sees and an attack.
+    The variables are the shares of all walks as long as what he sees and the longest attack;
+    `attack` has the steps of an attack on each target.
     """
-    steps = range(seen + attack - 1)
+    steps = range(seen + max(attack.values()) - 1)
     walks = [
         walk
-        for walk in itertools.product(range(len(near)), repeat=seen + attack)
+        for walk in itertools.product(range(len(near)), repeat=len(steps) + 1)
         if all(walk[k + 1] in near[walk[k]] for k in steps)
     ]
     ends = sorted({walk[:-1] for walk in walks} | {walk[1:] for walk in walks})
     balance = np.array([[(w[:-1] == e) - 1.0 * (w[1:] == e) for w in walks] for e in ends])
     balance = np.append(balance, np.ones((1, len(walks))), axis=0)
-    pairs = [(w, v) for w in sorted({walk[:seen] for walk in walks}) for v in range(len(near))]
+    pairs = [(w, v) for w in sorted({walk[:seen] for walk in walks}) for v in attack]
     total = np.append(np.zeros(len(ends)), 1.0)
     low, high = 0.0, 1.0
     while high - low > 1e-3:
         tried = (low + high) / 2
         missing = [
-            [(tried - (v in walk[seen:])) * (walk[:seen] == begin) for walk in walks]
+            [
+                (tried - (v in walk[seen : seen + attack[v]])) * (walk[:seen] == begin)
+                for walk in walks
+            ]
             for begin, v in pairs
         ]
         late = np.array(missing, float)
@@ -174,7 +180,7 @@ def test_watcher_is_bounded_by_the_best_answers_to_one_who_sees_less(graph, atta
     game = Game.of(graph, float(attack), adversary="watcher")
     limit = bound(game).capture
     for seen in (1, 2):
-        assert limit <= most_against_recent(near, attack, seen) + 2e-3
+        assert limit <= most_against_recent(near, dict.fromkeys(graph, attack), seen) + 2e-3
     if not graph.is_directed():
         edges = Graph(list(graph.edges))
         assert (
@@ -190,3 +196,89 @@ def test_watcher_of_a_path_is_met_by_random_walks_up_to_the_bound():
     assert known == pytest.approx(bound(game).capture, abs=2e-3)
     answer = Guarded.of(game, best_routes(game), bound=bound(game)).answer
     assert any("None stops more than 58.6 % of attacks" in line for line in answer)
+
+
+def missed_by_walk(matrix, vertex, attack):
+    """Compute the probability of no capture by recursion, from each state and on each target."""
+    for target, steps in attack.items():
+        missed = jnp.ones(len(matrix))
+        for _ in range(steps):
+            missed = matrix @ jnp.where(vertex == target, 0.0, missed)
+        yield missed
+
+
+def best_walk(near, attack, memories=2):
+    """Search for a walk with a memory of some states, and return its capture if all is known."""
+    vertex = np.tile(np.arange(len(near)), memories)
+    legal = jnp.array([[there in near[here] for there in vertex] for here in vertex])
+
+    def missed(weights):
+        matrix = jax.nn.softmax(jnp.where(legal, weights.reshape(legal.shape), -jnp.inf), axis=1)
+        return jnp.concatenate([*missed_by_walk(matrix, vertex, attack)])
+
+    def smooth(weights, sharp):
+        return jax.nn.logsumexp(sharp * missed(weights)) / sharp
+
+    slope, best = jax.jit(jax.value_and_grad(smooth)), 1.0
+    for start in np.random.default_rng(0).normal(0, 2, (8, legal.size)):
+        for sharp in (10.0, 100.0, 1000.0):
+            start = scipy.optimize.minimize(slope, start, (sharp,), jac=True, tol=1e-9).x
+        best = min(best, float(missed(start).max()))
+    return 1 - best
+
+
+PATH, STAR = nx.path_graph(3), nx.star_graph(3)
+PAW = nx.Graph([(1, 3), (3, 2), (2, 0), (0, 3)])
+
+
+@pytest.mark.parametrize(
+    ("graph", "attack", "least"),
+    [
+        (PATH, {0: 2, 2: 2}, 0.49),
+        (PATH, {0: 3, 2: 3}, 0.57),
+        (PATH, {0: 3, 2: 2}, 0.49),
+        (PATH, {0: 4, 2: 2}, 0.6),
+        (PATH, {0: 4, 2: 3}, 0.61),
+        (STAR, {1: 2, 2: 2, 3: 2}, 0.32),
+        (PAW, {1: 3, 2: 3}, 0.49),
+    ],
+)
+def test_bound_for_a_watcher_is_valid_where_vertices_are_no_targets(graph, attack, least):
+    near = {v: [v, *graph[v]] for v in sorted(graph)}
+    targets, steps = [f"{v}" for v in attack], [float(a) for a in attack.values()]
+    game = Game.of(graph, steps, targets=targets, adversary="watcher")
+    limit = bound(game).capture
+    known = best_walk(near, attack)
+    assert least <= known <= limit + 1e-9
+    assert limit <= most_against_recent(near, attack, 1) + 2e-3
+    # Whoever guards all vertices guards some of them.
+    every = Game.of(graph, max(steps), adversary="watcher")
+    fewer = Game.of(graph, max(steps), targets=targets, adversary="watcher")
+    assert bound(fewer).capture >= bound(every).capture - 1e-3
+
+
+@pytest.mark.parametrize(
+    ("graph", "attack", "known"),
+    [(PATH, {0: 3, 2: 3}, 0.5), (PATH, {0: 2, 2: 2}, 0.0), (nx.complete_graph(3), None, 0.5)],
+)
+def test_bound_for_a_watcher_in_seconds_is_reached_by_a_walk_that_is_seen_on_its_way(
+    graph, attack, known
+):
+    attack = attack or dict.fromkeys(graph, 2)
+    # Each way has three places, and he sees a walker there, too. Walkers leave at once.
+    number = {(v, v): v for v in sorted(graph)}
+    ways = [(a, b, k) for a in graph for b in graph[a] for k in range(3)]
+    number |= {way: len(number) + i for i, way in enumerate(ways)}
+    matrix = np.zeros((len(number),) * 2)
+    for a, b, k in ways:
+        matrix[number[a, b, k], number[a, b, k + 1] if k < 2 else b] = 1.0
+        matrix[a, number[a, b, 0]] = 1 / len(graph[a])
+    seen = {v: 4 * steps for v, steps in attack.items()}
+    # He looks just before a moment, after which the attack takes as many.
+    missed = max(each.max() for each in missed_by_walk(matrix, np.arange(len(matrix)), seen))
+    assert 1 - missed == pytest.approx(known)
+    timed = nx.create_empty_copy(graph)
+    timed.add_edges_from(graph.edges, length=1.0)
+    names, times = [f"{v}" for v in attack], [float(a) for a in attack.values()]
+    limit = bound(Game.of(timed, times, targets=names, speed=1.0, adversary="watcher")).capture
+    assert known <= limit <= known + 2e-3
