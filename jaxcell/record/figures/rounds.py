@@ -61,6 +61,7 @@ def save_rounds(guarded: "Guarded", path: str | os.PathLike[str]) -> None:
     figure = import_module("matplotlib.figure").Figure(layout="constrained")
     ax = figure.add_subplot()
     game, xy = guarded.game, places(guarded.game)
+    named = len(game.names) <= MAX_NAMES
     wide, high = np.ptp(xy, axis=0).tolist()
     figure.set_size_inches(9, 2 + 7 * min(max(high / (wide or 1.0), 0.3), 1.5))
     lines = import_module("matplotlib.collections").LineCollection
@@ -85,7 +86,7 @@ def save_rounds(guarded: "Guarded", path: str | os.PathLike[str]) -> None:
                 pivot="mid",
                 angles="xy",
                 scale=60,
-                width=0.0035,
+                width=0.0035 if named else 0.0025,
                 headwidth=4.5,
                 headaxislength=4,
                 headlength=4,
@@ -98,7 +99,10 @@ def save_rounds(guarded: "Guarded", path: str | os.PathLike[str]) -> None:
             ax.text(*start(guarded, robot), str(robot + 1), bbox=box, **style)
     shade = import_module("matplotlib.colors").LinearSegmentedColormap.from_list
     share, at = 100 * guarded.evaluation.exposure, xy[game.targets]
-    ends, style = [color_of(FREE), color_of(TARGET)], {"s": 60, "edgecolor": "black", "zorder": 4}
+    ends, style = (
+        [color_of(FREE), color_of(TARGET)],
+        {"s": 60 if named else 15, "edgecolor": "black", "zorder": 4},
+    )
     if share.any():
         marks = ax.scatter(
             *at.T, c=share, cmap=shade("risk", ends), vmin=0, label="target", **style
@@ -106,7 +110,7 @@ def save_rounds(guarded: "Guarded", path: str | os.PathLike[str]) -> None:
         figure.colorbar(marks, ax=ax, label="moments at which an attack succeeds (%)", shrink=0.7)
     else:
         ax.scatter(*at.T, color=color_of(FREE), label="target: no attack succeeds", **style)
-    if len(game.names) <= MAX_NAMES:
+    if named:
         for name, place in zip(game.names, xy.tolist(), strict=True):
             ax.annotate(name, place, (9, 7), textcoords="offset points", fontsize=8, zorder=6)
     title = "\n".join(fill(line.replace("`", ""), _WIDTH) for line in guarded.answer[:2])
