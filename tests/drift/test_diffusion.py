@@ -10,7 +10,7 @@ from scipy.special import ndtr
 from seas import sea
 
 from jaxcell import drift
-from jaxcell.drift.advection import diffuse
+from jaxcell.drift import advection
 
 
 SIDE, STEP = 31, 3600.0
@@ -117,10 +117,24 @@ def test_no_drifter_diffuses_ashore():
     sides = np.stack([water.dx, water.dy])
     x, y = water.column.astype(float), water.row.astype(float)
     for key in jax.random.split(jax.random.key(0), 5):
-        x, y = diffuse(key, DIFFUSIVITY, False, sides, wet, ~wet, x, y, STEP)
+        x, y = advection.diffuse(key, DIFFUSIVITY, False, sides, wet, ~wet, x, y, STEP)
     cell, inside = water.at(*(np.rint(np.asarray(one)).astype(int) for one in (y, x)))
     assert (cell[inside] >= 0).all()
     assert not inside.all()
+
+
+def test_one_program_simulates_all_diffusivities():
+    currents = sea(np.zeros((9, 9)), np.zeros((9, 9)))
+    water, middle = drift.Water.of(currents), np.full(2000, 4.0)
+
+    def spread(diffusivity):
+        flow = drift.Flow.of(currents, diffusivity=diffusivity)
+        key = jax.random.key(3)
+        return advection.drifted(water, flow, middle, middle, 0, STEP, STEP, key)[0].std()
+
+    narrow, programs = spread(DIFFUSIVITY / 16), advection._drifted._cache_size()
+    assert spread(DIFFUSIVITY / 4) == pytest.approx(2 * narrow, rel=1e-9)
+    assert advection._drifted._cache_size() == programs
 
 
 def test_the_reversed_flow_brings_drifters_back():
