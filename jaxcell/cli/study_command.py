@@ -105,6 +105,8 @@ class StudyCommand(Printing):
     def _run(self, folder: Path | None) -> int:
         question = self.question
         question.check_files()
+        if self.verify and self.study.verify is Study.verify:
+            raise ValueError(f"verify: nothing is compared by `{self.command}`; leave it out")
         try:
             with noting_warnings(type(self)) as noted:
                 with status(f"reading for {self.command}"):

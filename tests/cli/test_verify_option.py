@@ -18,6 +18,11 @@ def test_verification_prints_a_line(capsys):
     assert "numbers agree with another method" in capsys.readouterr().err
 
 
+def test_a_command_that_compares_nothing_refuses_the_option(capsys):
+    assert main(["morse", "henon", "--verify"]) == 2
+    assert "--verify: nothing is compared by `morse`; leave it out" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("json_too", [True, False])
 def test_a_wrong_result_is_reported_with_status_1(json_too, capsys, monkeypatch):
     right = bounce.bounce_map
