@@ -150,8 +150,7 @@ class Released(InOneLayer):
                     break
             parts = [part for part in parts if len(part.x) == len(times)] or parts
             drifters, starts = _joined(parts), starts[: len(parts)]
-            say("mapping the release on cells")
-            by_chain = push_release(water, flow, share, starts, times[: len(drifters.x)], more)
+            by_chain = push_release(water, flow, share, starts, times[: len(drifters.x)], more, say)
             about["starts"] = (np.array(starts, float) - starts[0]) / 3600
         # Ctrl-C leaves only the times until then.
         known = slice(len(drifters.x))
