@@ -96,7 +96,7 @@ def test_repeated_releases_are_the_mean_of_single_ones(ocean):
         mean = np.mean([getattr(one, name) for one in single], axis=0)
         np.testing.assert_allclose(getattr(every, name), mean, atol=within)
     assert every.answer[0].startswith(
-        "Released on 2020-01-01 00:00 and 1 time more, to the last after 12 h in the 1.93 x"
+        "Released on 2020-01-01 00:00 and 1 time more, the last 12 h later, in the 1.93 x"
     )
 
 

@@ -287,8 +287,8 @@ class Released(InOneLayer):
         if self.tried is not None:
             begin = f"Found{on} {self.around}: {time} before{then} the mean place was"
         else:
-            also = "" if not more else f" and {counted(more, 'time')} more, to the last after "
-            also += in_time(self.starts[-1]) if more else ""
+            also = f" and {counted(more, 'time')} more, the last {in_time(self.starts[-1])} later,"
+            also = also if more else ""
             begin = f"Released{on}{also} {self.around}: after {time}{then} the mean is"
         gone = f"{percent(self.left[-1])} have left the map"
         if self.drifters.stranded.any():
