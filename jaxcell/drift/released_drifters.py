@@ -330,6 +330,7 @@ def push_release(
     starts: Sequence[float],
     times: Sequence[float],
     halves: dict[str, float],
+    say: Callable[..., None] = lambda *_: None,
 ) -> Float[np.ndarray, "times cells"]:
     """Push a release through a map of cells from each time to the next; mean over its starts."""
     steps = sorted(
@@ -338,7 +339,10 @@ def push_release(
         for time, (begin, end) in enumerate(itertools.pairwise([0.0, *times]))
     )
     pushed, shares = np.zeros((len(times), water.cells)), dict.fromkeys(range(len(starts)), share)
-    for (begin, end), releases in itertools.groupby(steps, key=lambda step: step[:2]):
+    count = len({step[:2] for step in steps})
+    groups = itertools.groupby(steps, key=lambda step: step[:2])
+    for number, ((begin, end), releases) in enumerate(groups):
+        say("mapping the release on cells", number, count)
         chain, cell = chain_between(water, flow, begin, end, halves)
         for *_, time, release in releases:
             before = shares[release]

@@ -1,7 +1,10 @@
 """Tests of the sources of drifters that are found at a place, and of repeated releases."""
 
+import json
+
 import numpy as np
 import pytest
+import shapely
 from open_ocean import SIDE, eddies, write_currents
 from oracles.points import RADIUS, PointDrifters
 
@@ -54,7 +57,7 @@ def test_sources_are_those_of_points_that_are_drifted_forward_from_everywhere(oc
         assert apart < 0.15 < 0.5 * np.abs(found.share[row] - found.share[1 - row]).sum()
 
 
-def test_water_with_half_of_a_convergence_comes_from_twice_the_area(tmp_path):
+def test_water_of_a_convergence_comes_from_a_larger_area(tmp_path):
     """In a stream whose speed falls along it, what is found in an hour came from farther apart."""
     rate, hours = -1e-5, 6.0
     columns = np.arange(40)
@@ -63,27 +66,37 @@ def test_water_with_half_of_a_convergence_comes_from_twice_the_area(tmp_path):
     path = tmp_path / "stream.nc"
     write_currents(path, east, np.zeros((9, 40)))
     points = PointDrifters(path)
+    west, edge = np.interp([19.2, 19.3], columns, points.lon)
+    gate = shapely.geometry.mapping(shapely.box(west, -31, edge, -29))
+    regions = tmp_path / "gate.geojson"
+    feature = {"type": "Feature", "properties": {"name": "gate"}, "geometry": gate}
+    regions.write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
     given = {"start": f"{points.lon[20]},{points.lat[4]}", "on": "2020-01-01T06:00"}
+    given |= {"regions": regions}
     found = study.Release(
         file=(path,), **given, until=hours / 24, precision=0.03, backward=True
     ).run()
     stretch = np.exp(-rate * hours * HOUR)
     wide = found.drifters.x[-1]
     assert wide.std() * np.sqrt(12) == pytest.approx(stretch, rel=0.03)
+    # Water passed the gate when it was as much faster as the stretch since then.
+    there, here = (0.5 + rate * metres * column for column in (19.3, 20))
+    assert found.arrival[0] == 1
+    assert found.arrival_median[0] == pytest.approx(np.log(there / here) / -rate / HOUR, rel=0.03)
 
 
 def test_repeated_releases_are_the_mean_of_single_ones(ocean):
     path, _, east, north = ocean
-    given = {"file": (path,), "start": f"{east},{north}", "until": 0.5, "precision": 0.02}
+    given = {"file": (path,), "start": f"{east},{north}", "until": 0.25, "precision": 0.05}
     every = study.Release(on="2020-01-01/2020-01-02T00:00", every=0.5, **given).run()
     single = [study.Release(on=on, **given).run() for on in ("2020-01-01", "2020-01-01T12:00")]
     assert every.start_date.tolist() == ["2020-01-01T00:00", "2020-01-01T12:00"]
     assert every.date is None
-    for name, within in (("by_chain", 1e-12), ("_shares", 0.03)):
+    for name, within in (("by_chain", 1e-12), ("_shares", 0.1)):
         mean = np.mean([getattr(one, name) for one in single], axis=0)
         np.testing.assert_allclose(getattr(every, name), mean, atol=within)
     assert every.answer[0].startswith(
-        "Released on 2020-01-01 00:00 and 1 time more, to the last after 12 h in the 1.93 x"
+        "Released on 2020-01-01 00:00 and 1 time more, the last 12 h later, in the 1.93 x"
     )
 
 

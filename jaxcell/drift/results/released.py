@@ -150,8 +150,7 @@ class Released(InOneLayer):
                     break
             parts = [part for part in parts if len(part.x) == len(times)] or parts
             drifters, starts = _joined(parts), starts[: len(parts)]
-            say("mapping the release on cells")
-            by_chain = push_release(water, flow, share, starts, times[: len(drifters.x)], more)
+            by_chain = push_release(water, flow, share, starts, times[: len(drifters.x)], more, say)
             about["starts"] = (np.array(starts, float) - starts[0]) / 3600
         # Ctrl-C leaves only the times until then.
         known = slice(len(drifters.x))
@@ -288,8 +287,8 @@ class Released(InOneLayer):
         if self.tried is not None:
             begin = f"Found{on} {self.around}: {time} before{then} the mean place was"
         else:
-            also = "" if not more else f" and {counted(more, 'time')} more, to the last after "
-            also += in_time(self.starts[-1]) if more else ""
+            also = f" and {counted(more, 'time')} more, the last {in_time(self.starts[-1])} later,"
+            also = also if more else ""
             begin = f"Released{on}{also} {self.around}: after {time}{then} the mean is"
         gone = f"{percent(self.left[-1])} have left the map"
         if self.drifters.stranded.any():
