@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 from ... import bounce as bouncing, space, verify as verification
 from ..map_study import MapStudy, cell_at
-from ..parameters import Angles, AtLeastOne
+from ..parameters import Angles
 from ..study import Say, radians, renamed, silent
 
 
@@ -26,10 +26,6 @@ class Team(MapStudy):
     """Start of each robot, by default random: "x,y,heading" in m and degrees, or a cell number."""
     seed: int = 0
     """Seed of the random starts."""
-    max_parts: AtLeastOne = 1000
-    """Maximum number of parts of the trajectory. Between two parts, one robot turns in place."""
-    part_steps: AtLeastOne | None = None
-    """Maximum number of steps of a part; by default the number of cells, at most 100,000."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -53,8 +49,6 @@ class Team(MapStudy):
                 starts,
                 radians(self.bounce),
                 motion=self.motion,
-                max_parts=self.max_parts,
-                part_steps=self.part_steps,
                 progress=lambda parts, covered: say(f"{doing}: {covered:,} in {parts:,} parts"),
             )
 
