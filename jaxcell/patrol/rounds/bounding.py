@@ -22,12 +22,18 @@ class Bound(NamedTuple):
     between: float
     "The longest time between visits to the target that is visited least is at least this long."
     capture: float
-    """The least probability of capture over targets is at most this for the adversary of the game.
-    With values, 1 less the least risk relative to the largest value."""
+    """The least probability of capture over targets is at most this for the adversary of the game:
+    1 less a risk that no patrol undercuts, relative to the largest value. In small games with a
+    watcher it is rounded up to a multiple of 1/1024."""
     exact: bool
-    "`True` if all sets of targets were compared; otherwise the bounds are from spanning trees."
+    """`True` if all sets of targets on walks were compared, in up to 14 targets and 4 robots. Such
+    walks need not follow one another, so that a patrol may be worse. `False` for the weaker bounds
+    by spanning trees."""
     preventable: bool | None = None
     "`True` if a joint schedule stops every attack, `False` if none does, `None` if unknown."
+    least: bool = False
+    """`True` if a patrol is known to have this capture: one that stops every attack or, for a blind
+    adversary, [`best_mixture`][]. Otherwise the truth may be less."""
 
 
 def bound(game: Game) -> Bound:
@@ -37,26 +43,30 @@ def bound(game: Game) -> Bound:
     length. For up to 14 targets and 4 robots, the sets of targets on such walks are computed, and
     a linear program mixes them; otherwise the number of targets on walks is bounded by the shortest
     edges of a spanning tree. One robot needs the shortest closed tour between visits to a target.
-    In small games with whole times all joint schedules are compared, by `safe_routes` and
-    `least_risk`. For a watcher, `watched_risk` bounds random walks, too.
+    In small games with whole times all joint schedules are compared: `safe_routes` decides whether
+    one stops every attack. In smaller ones `least_risk` computes the least risk for a blind
+    adversary, and `watched_risk` bounds random walks for a watcher.
 
     One robot on a cycle of four vertices, where attacks take 3 steps:
 
         >>> from jaxcell import patrol
         >>> cycle = patrol.Graph([(i, (i + 1) % 4) for i in range(4)])
         >>> patrol.rounds.bound(patrol.rounds.Game.of(cycle, 3.0))
-        Bound(between=4.0, capture=0.75, exact=True, preventable=False)
+        Bound(between=4.0, capture=0.75, exact=True, preventable=False, least=True)
     """
     few = game.targets.size <= MOST_SUBSETS and game.robots <= MOST_ROBOTS
     found = _by_subsets(game) if few else _by_trees(game)
     if (safe := safe_routes(game)) is None:
         return found
     if safe:
-        return found._replace(preventable=True)
-    least = [least_risk(game), watched_risk(game) if game.adversary == "watcher" else None]
-    risk = max((one for one in least if one is not None), default=0.0)
-    capture = 1 - risk / float(game.value.max())
-    return found._replace(capture=min(found.capture, capture), preventable=False)
+        return found._replace(preventable=True, least=True)
+    blind, watched = least_risk(game), None
+    if game.adversary == "watcher":
+        watched = watched_risk(game)
+    risk = max((one for one in (blind, watched) if one is not None), default=0.0)
+    capture = min(found.capture, 1 - risk / float(game.value.max()))
+    known = blind is not None and game.adversary == "blind"
+    return found._replace(capture=capture, preventable=False, least=known)
 
 
 def _by_subsets(game: Game) -> Bound:

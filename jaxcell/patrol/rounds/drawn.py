@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from .blind import least_risk
 from .evaluation import evaluate_followed
 from .game import Game
 from .mixing import mixture
@@ -26,6 +27,8 @@ class DrawnSchedules(NamedTuple):
     "The probability that an attack on each target succeeds, at any moment."
     risk: float
     "The largest product of exposure and value."
+    least: bool = False
+    "`True` if no strategy has a smaller risk; otherwise a better one may exist."
 
     def draw(self, seed: int) -> tuple[Route, ...]:
         """Draw a schedule, which begins at a random moment of it, the same for all robots."""
@@ -40,9 +43,10 @@ def best_mixture(game: Game) -> DrawnSchedules:
 
     The adversary may know the schedules and their probabilities, but neither which one is drawn,
     nor the moment at which it begins. The exposure of a target is the mean over schedules, and a
-    linear program finds their probabilities. In small games with whole times they are the cycles of
-    the best strategy, so that no strategy has a smaller risk; on up to 14 targets with two robots,
-    or 11 with four, they are the rounds of [`best_routes`][].
+    linear program finds their probabilities. In games with whole times and up to 12,000 moves of
+    `least_risk` they are the cycles of the best strategy, so that no strategy has a smaller risk,
+    and `least` is `True`. In others, on up to 14 targets with two robots or 11 with four, they are
+    the rounds of [`best_routes`][].
 
     **Arguments:** the game, with the adversary `blind`. **Returns:** `DrawnSchedules`.
 
@@ -61,7 +65,9 @@ def best_mixture(game: Game) -> DrawnSchedules:
     schedules, chance, _ = mixture(game, best_rounds(game))
     exposed = [evaluate_followed(game, routes).exposure for routes in schedules]
     mean = chance @ np.array(exposed)
-    return DrawnSchedules(tuple(schedules), chance, mean, float((mean * game.value).max()))
+    risk = float((mean * game.value).max())
+    least = not risk or least_risk(game) is not None
+    return DrawnSchedules(tuple(schedules), chance, mean, risk, least)
 
 
 def _shifted(route: Route, ahead: float) -> Route:

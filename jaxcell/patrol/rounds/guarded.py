@@ -215,8 +215,11 @@ class Guarded(Result):
             return f"{text} None has a smaller risk."
         if np.ptp(self.game.value):
             return f"{text} None has a risk below {least:.4g}."
-        share = 100 * (1 - least / self.game.value[0])
-        return f"{text} None stops more than {share:.3g} % of attacks on the weakest target."
+        share = math.ceil(1000 * (1 - least / self.game.value[0]) - _SAME) / 10
+        return (
+            f"{text} No patrol, not even a random one, stops more than {share:.4g} % of attacks on "
+            "the weakest target."
+        )
 
     def _compared(self) -> str:
         """Say whether other schedules might stop all attacks, where these do not."""
@@ -240,7 +243,9 @@ class Guarded(Result):
                 f"{name} for {self._time(stay)}" if stay > 0 else name
                 for name, stay in zip(names, (route.leave - route.arrive).tolist(), strict=True)
             ]
-            shown = ", ".join(names[:_STOPS]) + (", ..." if len(names) > _STOPS else ".")
+            shown = ", ".join(names[:_STOPS]) + "."
+            if (left := len(names) - _STOPS) > 0:
+                shown = f"{shown[:-1]}, and {left} more stops."
             begins = self._time(float(route.arrive[0])) if route.arrive[0] else ""
             lines.append(
                 f"Guard {number}, every {self._time(route.period, up=True)}"

@@ -111,6 +111,8 @@ def mixture(
     game: Game, first: Rounds
 ) -> tuple[list[tuple[Route, ...]], Float[np.ndarray, "schedules"], float]:
     """Find schedules, their shares of the time, and the risk if changes took no time."""
+    if safe := safe_routes(game):
+        return [safe], np.ones(1), 0.0
     schedules = [first.routes, *blind_schedules(game)]
     if len(schedules) == 1 and _is_mixed(game):
         schedules = _rounds_to_mix(game, first)

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...optimize.tour import best_order, good_order, improved_order, tour_length
+from .annealing import anneal, divide
 from .evaluation import Evaluation, evaluate_followed
 from .game import Game
 from .route import Route
@@ -65,7 +66,10 @@ def best_rounds(game: Game) -> Rounds:
     exchanges: within a tour, and between tours. Then targets with short attacks are visited more
     often than others where this helps. Targets are left out if what they are worth is less than the
     risk of rounds with them. Of rounds with equal risk, those with the shortest times between
-    visits are chosen, relative to attacks. The search has no randomness.
+    visits are chosen, relative to attacks.
+
+    If attacks or values differ, and an attack succeeds, tours are also improved by random changes,
+    which count visits on the way. The same numbers are drawn each time.
 
     **Arguments:** the game. **Returns:** `Rounds`. **Raises:** `ValueError` if there are fewer
     robots than parts of the graph.
@@ -94,7 +98,23 @@ def best_rounds(game: Game) -> Rounds:
             low = level + 1
         else:
             high = level - 1
-    return min(found, key=lambda rounds: rounds.rank)
+    best = min(found, key=lambda rounds: rounds.rank)
+    return best if _is_uniform(game) else _annealed(best)
+
+
+def _annealed(best: Rounds) -> Rounds:
+    """Improve rounds by random changes of them, of one tour of all robots, and of nearby tours."""
+    game, starts = best.game, [(list(best.orders), list(best.robots))]
+    if game.components[0] == 1:
+        starts += [([np.concatenate(best.orders)], [game.robots]), divide(game)]
+    for orders, robots in starts:
+        if best.rank[0]:
+            best = min(best, Rounds.of(game, *anneal(game, orders, robots)), key=lambda r: r.rank)
+    return best
+
+
+def _is_uniform(game: Game) -> bool:
+    return not np.ptp(game.attack) and not np.ptp(game.value)
 
 
 def _candidates(game: Game) -> Iterator[Rounds]:
@@ -254,8 +274,7 @@ def _moved(
 def _with_repeats(found: Rounds) -> Rounds:
     """Visit the targets with the largest risks several times in a tour, if this lowers the rank."""
     game = found.game
-    uniform = np.ptp(game.attack) == 0 and np.ptp(game.value) == 0
-    if uniform or (found.evaluation.longest <= game.attack).all():
+    if _is_uniform(game) or (found.evaluation.longest <= game.attack).all():
         return found
     for _ in range(_REPEATS):
         best = found

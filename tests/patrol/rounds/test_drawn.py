@@ -1,5 +1,7 @@
 """Schedules of which one is drawn each night, against own linear programs and own draws."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from patrolled_rounds import draw_game_on_a_tree, least_risk, waits
@@ -18,6 +20,7 @@ def test_draw_is_as_good_as_the_best_of_all_strategies(seed):
     drawn = best_mixture(game)
     least = least_risk(edges, attack, value, robots)
     assert drawn.risk == pytest.approx(least, abs=1e-7)
+    assert drawn.least is bound(game).least is True
     assert drawn.chance.sum() == pytest.approx(1, abs=1e-12)
     late = np.zeros(len(attack))
     for routes, chance in zip(drawn.schedules, drawn.chance, strict=True):
@@ -28,6 +31,20 @@ def test_draw_is_as_good_as_the_best_of_all_strategies(seed):
             [(waits(routes, v, moments, laps) > a).mean() for v, a in enumerate(attack)]
         )
     np.testing.assert_allclose(drawn.exposure, late, rtol=0, atol=1e-9)
+
+
+def test_draw_and_bound_say_whether_they_are_the_best_of_all_strategies():
+    ways = [2.0, 3.0, 2.0, 1.0, 3.0]
+    graph = Graph([(v, (v + 1) % 5) for v in range(5)], ways=ways)
+    game = Game.of(graph, [4.0, 3.0, 2.0, 3.0, 3.0], robots=3, speed=1.0)
+    drawn, limit = best_mixture(game), bound(game)
+    assert limit.preventable is limit.least is drawn.least is False
+    assert drawn.risk > 1 - limit.capture
+    safe = Game.of(graph, 20.0, robots=3, speed=1.0)
+    assert best_mixture(safe).least is bound(safe).least is True
+    assert bound(safe).capture == 1
+    watched = dataclasses.replace(game, adversary="watcher")
+    assert not bound(watched).least
 
 
 def test_nights_that_are_drawn_expose_targets_as_said_at_a_fixed_moment():

@@ -195,7 +195,9 @@ def test_watcher_of_a_path_is_met_by_random_walks_up_to_the_bound():
     known = maximin_capture(Graph([[0, 1], [1, 2]]), 3, stay=True, memory=2, throw=False).value
     assert known == pytest.approx(bound(game).capture, abs=2e-3)
     answer = Guarded.of(game, best_routes(game), bound=bound(game)).answer
-    assert any("None stops more than 58.6 % of attacks" in line for line in answer)
+    assert any(
+        "No patrol, not even a random one, stops more than 58.6 %" in line for line in answer
+    )
 
 
 def missed_by_walk(matrix, vertex, attack):
