@@ -100,9 +100,12 @@ class StudyCommand(Printing):
 
     def run(self) -> int:
         with contextlib.nullcontext() if self.out is None else result_folder(self.out) as folder:
-            return self._run(folder)
+            computed = self._compute(folder)
+        # The files are complete before the answer is printed, perhaps into a closed pipe.
+        return 1 if computed is None else self._tell(*computed)
 
-    def _run(self, folder: Path | None) -> int:
+    def _compute(self, folder: Path | None) -> tuple[Any, ...] | None:
+        """Compute and write the result; return `None` if there is none, after a note."""
         question = self.question
         question.check_files()
         if self.verify and self.study.verify is Study.verify:
@@ -123,17 +126,23 @@ class StudyCommand(Printing):
                 summary["stopped"] = True
         except RuntimeError as error:
             note(f"jaxcell {self.command}: {error}")
-            return 1
-        verified = _verified(question, result) if self.verify else None
-        if verified is not None:
-            summary["verified"] = verified
+            return None
+        if self.verify:
+            summary["verified"] = _verified(question, result)
         if folder is not None:
             with status(f"writing {self.out}"):
                 self.write(result, summary, folder)
-        self._print(question, result, summary)
+        return result, summary, noted, stopped
+
+    def _tell(
+        self, result: Result, summary: dict[str, Any], noted: list[str], stopped: list[int]
+    ) -> int:
+        """Print the answer, its remarks and doubts, and return the exit status."""
+        self._print(self.question, result, summary)
         for remark in (as_options(type(self), remark) for remark in result.remarks):
             if remark not in noted:
                 note(remark)
+        verified = summary.get("verified")
         agrees = verified is None or _report(self.command, verified, quiet=self.json)
         return stopped[0] if stopped else int(not (agrees and result.answered))
 

@@ -194,6 +194,16 @@ def test_folders_and_empty_files_are_refused_in_one_line(tmp_path, monkeypatch, 
     assert printed.count("\n") == 1
 
 
+def test_results_are_kept_if_nothing_reads_the_answer(tmp_path):
+    out = tmp_path / "groups"
+    command = [sys.executable, "-m", "jaxcell", "groups", "@lab_a", "--bounce", "45", "--out", out]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as run:
+        run.stdout.close()
+        assert b"Error" not in run.stderr.read()
+    assert run.returncode == 0
+    assert json.loads((out / "summary.json").read_text())["command"] == "jaxcell groups"
+
+
 def test_output_keeps_its_order_in_one_file():
     code = """
 from jaxcell.cli.terminal import note, say, table
