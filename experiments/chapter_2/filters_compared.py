@@ -51,7 +51,7 @@ from .slip_runs import Run, run
 
 
 BOUNCE = math.radians(135)
-NOISES = (0.003, 0.01, 0.03)
+NOISES = (0.001, 0.003, 0.01)
 ENDS = ("right", "wrong", "lost", "unfinished")
 # The observations that are not timed, because functions are compiled in them.
 UNTIMED = 5
@@ -165,7 +165,7 @@ def row(name: str, noise: float, by: str, runs: list[Ended]) -> dict[str, Any]:
 
 def main() -> None:
     parser = experiment_parser(__doc__, "runs/chapter_2/filters_compared", seed=70_000)
-    parser.add_argument("--maps", nargs="+", default=["lab_b", "depot"])
+    parser.add_argument("--maps", nargs="+", default=["lab_b"])
     parser.add_argument("--noises", nargs="+", type=float, default=NOISES)
     parser.add_argument("--runs", type=at_least(1), default=100)
     parser.add_argument("--observations", type=at_least(1), default=80)

@@ -156,7 +156,9 @@ class Homing(Shown):
         """Choose the next angle of each robot, and return its index in `angles`.
 
         The angle minimizes the expected number of bumps if the extent of the robot's set is at most
-        a quarter of the diameter of the room. Otherwise it minimizes the expected size of the set.
+        the radius of the goal, and a quarter of the diameter of the room. Otherwise it minimizes
+        the expected size of the set, because the best angles for the mean of several places may
+        repeat without end.
         """
         arcs = [state.begin + share * (state.end - state.begin) for share in (0.0, 0.5, 1.0)]
         weight = state.end - state.begin + 1e-3
@@ -169,7 +171,8 @@ class Homing(Shown):
             )
             expected[k] = np.bincount(state.robot, bumps * weight, robots)
         chosen = expected.argmin(axis=0)
-        large = self.filter.extent(state, robots) > self.filter.boundary.diameter / 4
+        largest = min(self.radius, self.filter.boundary.diameter / 4)
+        large = self.filter.extent(state, robots) > largest
         lost = np.flatnonzero(large)
         if lost.size:
             number = np.full(robots, -1)

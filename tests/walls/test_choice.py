@@ -197,3 +197,24 @@ def test_the_set_in_a_symmetric_room_is_symmetric():
     places = filter.boundary.point(last.wall, middle).round(3).tolist()
     mirrored = (np.array([4.0, 2.0]) - places).round(3).tolist()
     assert sorted(places) == sorted(mirrored)
+
+
+@pytest.mark.parametrize(("radius", "localizes"), [(0.3, True), (0.8, False)])
+def test_robots_are_localized_to_the_radius_of_the_goal_before_they_go_home(radius, localizes):
+    """The mean over two places 0.7 m apart prefers a turn that need not tell them apart."""
+    room = space.Workspace([(0, 0), (5, 0), (5, 2), (2, 2), (2, 4), (0, 4)])
+    filter = walls.WallFilter.of(room, headings=8, errors=walls.Errors(distance=0.01))
+    angles = tuple(np.radians([45, 90, 135]).tolist())
+    homing = walls.Homing(filter, (2.5, 0.0), radius, angles)
+    # Both places are on the lower wall, and the last run was downward.
+    begin = np.array([1.0, 1.7])
+    zeros = np.zeros(2, int)
+    state = walls.WallSet(zeros, zeros + 6, zeros, begin, begin + 1e-3)
+    seen = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            "jaxcell.walls.homing.choose_angles",
+            lambda filter, state, robots, *_: seen.append(robots) or np.zeros(robots, int),
+        )
+        homing.choose(state, 1, np.random.default_rng(0))
+    assert bool(seen) == localizes

@@ -48,7 +48,7 @@ def test_a_goal_that_one_angle_cannot_reach_takes_several(filter_of_room):
 
 
 def test_rounds_with_few_robots_keep_an_angle_that_is_far_better(filter_of_room):
-    """Turns by 90 degrees localize no robot in this room, and turns by 135 degrees all robots."""
+    """Turns by 90 degrees localize no robot in this room, and turns by 135 degrees each robot."""
     angles = [math.radians(angle) for angle in (90, 180, 135, 360, 270)]
     (best,), *_ = walls.propose_angles(
         ROOM, filter_of_room, angles, most=1, radius=0.1, kept=1, headings=8
