@@ -130,7 +130,7 @@ def _changed(tours: _Tours, now: list[_Tour], random: np.random.Generator) -> li
     """Change one or two tours at random."""
     risk = np.array([tours.exposure(*tour) for tour in now]).prod(axis=0) * tours.game.value
     # Mostly a target at risk.
-    weight = risk + 0.1 * max(risk.mean(), 1e-9)
+    weight = risk + 0.5 * max(risk.max(), 1e-9)
     target = int(random.choice(risk.size, p=weight / weight.sum()))
     one, other = random.integers(len(now), size=2).tolist()
     changed, (order, robots) = list(now), now[one]

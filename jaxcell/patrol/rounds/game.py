@@ -30,6 +30,15 @@ _KNOWN = {
     "ways": ("from", "to", "time"),
     "targets": ("vertex", "attack_time", "value"),
 }
+# Parts of the names of fields that other games have, and what is possible here.
+_ELSEWHERE = {
+    "detect prob sight": "a visit always stops an attack, and guards see one vertex at a time",
+    "share stationary": "routes have no prescribed shares of time; random walks that have them are "
+    "found by `patrol.maximin_capture` with `stationary`",
+    "start speed": "guards begin anywhere, and all need the `time` of a way",
+    "last memory seen sees": "`adversary` is blind or watcher, who remembers all that he sees",
+    "cost damage grow loss": "`value` is lost if an attack succeeds, whenever it began",
+}
 # The least time of a way between two vertices in one place; sparse matrices leave out 0.
 _BRIEFEST = 1e-9
 
@@ -300,6 +309,10 @@ def load_game(path: str | os.PathLike[str]) -> Game:
         fields.check_version(1)
         for part, known in _KNOWN.items():
             for one in fields.parts(part) if part else [fields]:
+                for name in one.values:
+                    for parts, hint in _ELSEWHERE.items():
+                        if name not in known and any(each in name for each in parts.split()):
+                            raise ValueError(f"{one.where}{name}: a game has no such field; {hint}")
                 one.check_names(known)
         vertices = fields.parts("vertices")
         names = tuple(vertex.text("name") for vertex in vertices)

@@ -103,12 +103,14 @@ def best_rounds(game: Game) -> Rounds:
 
 
 def _annealed(best: Rounds) -> Rounds:
-    """Improve rounds by random changes of them, of one tour of all robots, and of nearby tours."""
+    """Improve rounds by random changes of them, of one tour of all robots, of nearby tours, and of
+    the best of these."""
     game, starts = best.game, [(list(best.orders), list(best.robots))]
     if game.components[0] == 1:
         starts += [([np.concatenate(best.orders)], [game.robots]), divide(game)]
-    for orders, robots in starts:
+    for start in [*starts, None]:
         if best.rank[0]:
+            orders, robots = start or (best.orders, best.robots)
             best = min(best, Rounds.of(game, *anneal(game, orders, robots)), key=lambda r: r.rank)
     return best
 

@@ -78,6 +78,11 @@ def test_timetable_lists_each_visit_of_the_night(game, tmp_path):
         (lambda g: g.update(version=2), "version: expected at most 1"),
         (lambda g: g.update(robot=2), "robot: there is no such field; did you mean robots"),
         (lambda g: g["targets"][0].update(worth=2), r"targets\[0\].worth: .* known are vertex"),
+        (lambda g: g["targets"][0].update(detection=0.5), r".*detection: .* visit always stops"),
+        (lambda g: g.update(shares=[0.5]), "shares: .* `patrol.maximin_capture` with"),
+        (lambda g: g.update(starts=["a"]), "starts: .* guards begin anywhere"),
+        (lambda g: g.update(last_seen=2), "last_seen: .* blind or watcher, who remembers"),
+        (lambda g: g["targets"][0].update(damage=[1, 2]), r".*damage: .* `value` is lost"),
         (lambda g: g.update(adversary="god"), "adversary: expected blind or watcher, got 'god'"),
     ],
 )
