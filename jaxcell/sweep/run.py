@@ -14,6 +14,7 @@ from .results import SweepStatus, sweep_status
 from .spec import Spec
 from .storage.digests import made_with
 from .storage.export import update_result
+from .storage.journal import JOURNAL
 from .storage.lock import locked
 from .storage.opening import opened
 from .storage.store import DONE, SweepStore
@@ -123,6 +124,9 @@ def run_sweep(
                 job, outcome = item
                 outcome = _checked(store, outcome)
                 if isinstance(outcome, Failed) and outcome.wrong_results:
+                    if not store.contents.chunks:
+                        # The corrected specification may have the same folder.
+                        (folder / JOURNAL).unlink()
                     raise ValueError(f"{spec.path}: {outcome.wrong_results}")
                 if isinstance(outcome, Failed) and job.places.size > 1:
                     work.split(job)

@@ -46,6 +46,18 @@ def test_the_result_of_a_member_is_that_of_a_batch_of_one(stub_spec, tmp_path):
                 )
 
 
+def test_a_specification_with_wrong_results_may_be_corrected(tmp_path):
+    path = tmp_path / "spec.toml"
+    text = (
+        'task = "groups"\nresults = ["wrong"]\n[fixed]\nmap = "@lab_a"\n[grid]\nbounce = [45, 90]'
+    )
+    path.write_text(text)
+    with pytest.raises(ValueError, match="Groups has no number 'wrong'"):
+        run_sweep(Spec.load(path), tmp_path / "out")
+    path.write_text(text.replace("wrong", "count"))
+    assert run_sweep(Spec.load(path), tmp_path / "out").complete
+
+
 def test_strings_and_booleans_are_coordinates(stub_spec, tmp_path):
     text = '[grid]\nname = ["b.json", "é"]\non = [true, false]\n[list]\nx = [1, 2]\nw = ["p", "q"]'
     run_sweep(stub_spec(text=text), tmp_path / "out")
