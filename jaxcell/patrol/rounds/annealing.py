@@ -87,7 +87,7 @@ def divide(game: Game) -> tuple[list[Int[np.ndarray, "_"]], list[int]]:
     tours, count = _Tours(game), min(game.robots, game.targets.size)
     both = game.between + game.between.T
     heads = np.argsort(game.attack, kind="stable")[:count]
-    orders = [(head,) for head in heads.tolist()]
+    orders: list[tuple[int, ...]] = [(head,) for head in heads.tolist()]
     for target in np.setdiff1d(np.arange(game.targets.size), heads).tolist():
         near = int(both[heads, target].argmin())
         orders[near] = tours.with_stop(orders[near], target)
