@@ -114,8 +114,6 @@ def anneal(
     changes = min(_CHANGES, _FEW * count**2, _MANY // count)
     for heat in np.geomspace(_HOT, _COLD, changes) * game.value.max():
         changed = _changed(tours, now, random)
-        if not np.isfinite([tours.between[o, o[1:] + o[:1]].sum() for o, _ in changed]).all():
-            continue
         new = tours.loss(changed)
         if new <= loss or random.random() < np.exp((loss - new) / heat):
             now, loss = changed, new
