@@ -87,7 +87,7 @@ def divide(game: Game) -> tuple[list[Int[np.ndarray, "_"]], list[int]]:
     tours, count = _Tours(game), min(game.robots, game.targets.size)
     both = game.between + game.between.T
     heads = np.argsort(game.attack, kind="stable")[:count]
-    orders = [(head,) for head in heads.tolist()]
+    orders: list[tuple[int, ...]] = [(head,) for head in heads.tolist()]
     for target in np.setdiff1d(np.arange(game.targets.size), heads).tolist():
         near = int(both[heads, target].argmin())
         orders[near] = tours.with_stop(orders[near], target)
@@ -114,8 +114,6 @@ def anneal(
     changes = min(_CHANGES, _FEW * count**2, _MANY // count)
     for heat in np.geomspace(_HOT, _COLD, changes) * game.value.max():
         changed = _changed(tours, now, random)
-        if not np.isfinite([tours.between[o, o[1:] + o[:1]].sum() for o, _ in changed]).all():
-            continue
         new = tours.loss(changed)
         if new <= loss or random.random() < np.exp((loss - new) / heat):
             now, loss = changed, new

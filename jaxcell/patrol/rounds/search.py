@@ -68,8 +68,9 @@ def best_rounds(game: Game) -> Rounds:
     risk of rounds with them. Of rounds with equal risk, those with the shortest times between
     visits are chosen, relative to attacks.
 
-    If attacks or values differ, and an attack succeeds, tours are also improved by random changes,
-    which count visits on the way. The same numbers are drawn each time.
+    If attacks or values differ, an attack succeeds, and the targets are one connected part, tours
+    are also improved by random changes, which count visits on the way. The same numbers are drawn
+    each time.
 
     **Arguments:** the game. **Returns:** `Rounds`. **Raises:** `ValueError` if there are fewer
     robots than parts of the graph.
@@ -99,19 +100,16 @@ def best_rounds(game: Game) -> Rounds:
         else:
             high = level - 1
     best = min(found, key=lambda rounds: rounds.rank)
-    return best if _is_uniform(game) else _annealed(best)
+    return best if _is_uniform(game) or game.components[0] > 1 else _annealed(best)
 
 
 def _annealed(best: Rounds) -> Rounds:
-    """Improve rounds by random changes of them, of one tour of all robots, of nearby tours, and of
-    the best of these."""
-    game, starts = best.game, [(list(best.orders), list(best.robots))]
-    if game.components[0] == 1:
-        starts += [([np.concatenate(best.orders)], [game.robots]), divide(game)]
-    for start in [*starts, None]:
+    """Improve rounds by random changes of them, of one tour, of nearby tours, and of the best."""
+    game, one = best.game, ([np.concatenate(best.orders)], [best.game.robots])
+    for start in [(best.orders, best.robots), one, divide(game), None]:
         if best.rank[0]:
-            orders, robots = start or (best.orders, best.robots)
-            best = min(best, Rounds.of(game, *anneal(game, orders, robots)), key=lambda r: r.rank)
+            changed = anneal(game, *(start or (best.orders, best.robots)))
+            best = min(best, Rounds.of(game, *changed), key=lambda rounds: rounds.rank)
     return best
 
 

@@ -253,7 +253,7 @@ def test_bound_for_a_watcher_is_valid_where_vertices_are_no_targets(graph, attac
     known = best_walk(near, attack)
     assert least <= known <= limit + 1e-9
     assert limit <= most_against_recent(near, attack, 1) + 2e-3
-    # Whoever guards all vertices guards some of them.
+    # A patrol of all vertices is one of some of them.
     every = Game.of(graph, max(steps), adversary="watcher")
     fewer = Game.of(graph, max(steps), targets=targets, adversary="watcher")
     assert bound(fewer).capture >= bound(every).capture - 1e-3
