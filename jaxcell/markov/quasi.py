@@ -47,7 +47,8 @@ class QuasiStationary(Pictured):
     """The probability that the next step leaves the set: a sum of probabilities of steps, with all
     its digits. The decay rate per step is `-log1p(-leaving)`, and the mean time `1 / leaving`."""
     certificate: Certificate
-    "The certificate; its residual bounds the relative error of `leaving`."
+    """The certificate; its residual bounds the relative error of `leaving`. With derivatives, it is
+    at least the error of the right eigenvector, of which they are made."""
 
 
 def quasi_stationary(
@@ -98,16 +99,21 @@ def _found(matrix: scipy.sparse.csr_array, inside: Cells, *, both: bool) -> tupl
     """Return the distribution and the right eigenvector, the number of solves, and the residual."""
     part, found = slowest_part(matrix, np.asarray(inside))
     vectors = np.zeros((2, part.size))
-    vectors[0, part] = found.value
+    vectors[0, part], residual = found.value, found.residual
     if both:
-        transient, now = Transient.of(matrix, part), np.ones(found.value.size)
-        for _ in range(_SOLVES):
+        transient = Transient.of(matrix, part)
+        now = _guess(transient, ahead=True)
+        now = now / now.max()
+        solves, before, changed = 0, math.inf, 1.0
+        while solves < _SOLVES and changed > _ROUNDING:
             last, now = now, transient.expect(now[:, None]).value[:, 0]
             now = now / now.max()
-            if np.abs(now - last).max() <= _ROUNDING:
-                break
+            solves, before, changed = solves + 1, changed, float(np.abs(now - last).max())
         vectors[1, part] = now
-    return tuple(vectors), found.solves, found.residual
+        # Changes that shrink slowly add up to more than the last one.
+        left = changed / (1 - changed / before) if changed < before else changed
+        residual = max(residual, left)
+    return tuple(vectors), found.solves, residual
 
 
 def slowest_part(matrix: scipy.sparse.csr_array, inside: Cells) -> tuple[Cells, "_Settled"]:
@@ -168,12 +174,16 @@ class _Settled:
         return cls(value, float(part.leaving @ value), solves, residual)
 
 
-def _guess(part: Transient) -> Float[np.ndarray, "part"]:
-    """Guess the left eigenvector of the visits of a part, by default the uniform distribution."""
+def _guess(part: Transient, ahead: bool = False) -> Float[np.ndarray, "part"]:
+    """Guess the left eigenvector of the visits of a part, by default the uniform distribution.
+
+    With `ahead`, guess the right one.
+    """
     size, guess = part.cells.size, np.ones(part.cells.size)
     if size <= _DENSE:
         # The rows of a high power of the visits are proportional to it.
-        power = part.visited(np.eye(size))[0].T
+        power = part.visited(np.eye(size))[0]
+        power = power if ahead else power.T
         for _ in range(_SQUARINGS):
             power = power / power.max()
             power = power @ power
@@ -182,7 +192,7 @@ def _guess(part: Transient) -> Float[np.ndarray, "part"]:
         with contextlib.suppress(RuntimeError):
             apply = solve.factored(part.step)
             visits = linalg.LinearOperator(
-                part.step.shape, lambda x: apply(x.reshape(-1, 1), True)[:, 0], dtype=float
+                part.step.shape, lambda x: apply(x.reshape(-1, 1), not ahead)[:, 0], dtype=float
             )
             start = np.random.default_rng(_SEED).random(size)
             guess = np.abs(linalg.eigs(visits, k=1, which="LR", v0=start)[1][:, 0].real)

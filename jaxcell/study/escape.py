@@ -84,7 +84,9 @@ class Escape(SystemStudy):
         import numpy as np
 
         names = [name.removeprefix("params_") for name in columns]
-        slopes = {f"d_mean_time_d_{cause}": cause for cause in (*self.chosen.params, "noise")}
+        params = self.chosen.params
+        causes = *params, "noise_factor" if "noise" in params else "noise"
+        slopes = {f"d_mean_time_d_{cause}": cause for cause in causes}
         regions = len(self.into) + bool(self.leave) if wanted is not every else 0
         shares = {f"share_{k}": k for k in range(regions) if wanted(f"share_{k}")}
         described = {

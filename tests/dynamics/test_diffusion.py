@@ -181,7 +181,7 @@ def test_every_cell_of_a_batch_of_noises_is_that_of_a_single_call():
     ("options", "message"),
     [
         ({"noise": -1.0}, "noise: expected numbers from 0"),
-        ({"noise": (1.0, 1.0)}, "noise: expected 1 numbers, got 2"),
+        ({"noise": (1.0, 1.0)}, "noise: expected one number, or one for each axis"),
         ({"noise": 1.0, "into": lambda x: x[:, 0]}, "target: expected a function of points"),
         ({"noise": 1.0, "into": [70]}, r"target\[0\]: cell 70"),
     ],

@@ -330,6 +330,25 @@ def test_elasticities_equal_differences(kind, start):
     assert "1 % more noise" in found.answer[-1]
 
 
+@pytest.mark.parametrize("used", [True, False])
+def test_a_parameter_may_be_called_noise(used):
+    found = dynamics.escape(
+        WELL,
+        Box([-2], [1], [50], "clamp"),
+        {**STANDARD, "noise": 0.5},
+        noise=(lambda x, p: p["noise"] + 0 * x) if used else 0.5,
+        start=[-0.9],
+        into=lambda x: x[:, 0] >= 0.013,
+        gradient=True,
+    )
+    assert found.cause == ("a", "b", "c", "noise", "noise_factor")
+    each = [exact(STANDARD, 0.5 * ratio, -2, 0.013, True, -0.9)[0] for ratio in (1.001, 0.999)]
+    known = np.log(each[0] / each[1]) / 0.002
+    of_parameter, of_factor = found.elasticity[-2:]
+    assert abs(of_factor - known) < found.elasticity_error[-1] < 0.05 * abs(known)
+    assert of_parameter == pytest.approx(of_factor if used else 0, rel=1e-9)
+
+
 @pytest.mark.parametrize("start", [[-1], None])
 def test_elasticities_of_a_very_rare_event(start):
     found = dynamics.escape(
@@ -366,8 +385,17 @@ def test_functions_may_be_of_a_point_alone():
         ({"into": {"a": [3], "b": [2, 3]}}, "into: 'a' and 'b' overlap, as at"),
         ({"into": lambda x: x[:, 0] < 5}, "into: the centre of every cell is in a region"),
         ({"into": [3], "noise": 0.0}, "into: cannot be reached from"),
+        ({"into": lambda x: x[:, 0] > 9}, "into: no cell of the box is in a region"),
+        ({"into": [3], "start": [-5.0]}, r"start: the point .* outside of the box, from \(-2.0"),
+        ({"into": [3], "start": [0.5]}, "start: the point .* outside of the box"),
+        ({"into": [3], "noise": (0.3, 0.2)}, "noise: expected one number, or one for each axis"),
+        ({"into": [3], "params": {**STANDARD, "b": np.nan}}, "params: b: expected a number"),
     ],
 )
 def test_wrong_arguments_are_refused(options, message):
     with pytest.raises(ValueError, match=message):
-        dynamics.escape(WELL, Box([-2], [0], [30], "clamp"), STANDARD, **{"noise": 0.3, **options})
+        dynamics.escape(
+            WELL,
+            Box([-2], [0], [30], "clamp"),
+            **{"params": STANDARD, "noise": 0.3, **options},
+        )

@@ -10,6 +10,7 @@ import time
 from fractions import Fraction
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.sparse
@@ -456,3 +457,16 @@ def test_derivatives_equal_central_differences(name):
     assert reverse == pytest.approx((np.asarray(found) * weight).sum(), rel=1e-9)
     many = jax.vmap(value)(np.array([0.0, step]))
     np.testing.assert_allclose(many[1], value(step), rtol=1e-11, atol=1e-16)
+
+
+@pytest.mark.parametrize(("apart", "link"), [(1e-2, 1e-3), (1e-4, 1e-5)])
+def test_derivatives_of_two_parts_that_are_left_almost_equally_fast(apart, link):
+    def leaving(link):
+        rows = [[0.9 - link, link, 0.1], [link, 0.9 - apart - link, 0.1 + apart], [0, 0, 1]]
+        image = np.tile(np.arange(3, dtype=np.int32)[:, None], (1, 3))
+        chain = Chain(image, jnp.array(rows, float).T)
+        return markov.quasi_stationary(chain, [0, 1]).leaving
+
+    # The larger eigenvalue of the matrix of the two parts is a root of a quadratic equation.
+    known = 1 - link / math.hypot(apart / 2, link)
+    assert jax.grad(leaving)(link) == pytest.approx(known, rel=1e-9)

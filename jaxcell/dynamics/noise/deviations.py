@@ -11,6 +11,10 @@ from ..imaging import mapped_points
 from ..maps import with_params
 
 
+# A correlation that is so near 1 is 1, up to rounding.
+_ROUNDING = 1e-12
+
+
 def deviations_of(noise: Any, box: Box) -> Callable[[Any, Any], Any]:
     """Return the function of points `[points, axes]` and parameters that computes deviations.
 
@@ -26,7 +30,10 @@ def deviations_of(noise: Any, box: Box) -> Callable[[Any, Any], Any]:
             "derivatives; expected standard deviations"
         )
     if len(each) != box.dimensions:
-        raise ValueError(f"noise: expected {box.dimensions} numbers, got {len(each)}")
+        raise ValueError(
+            f"noise: expected one number, or one for each axis of the box, of which there are "
+            f"{box.dimensions}; got {len(each)}"
+        )
     if not traced(noise) and not all(0 <= float(one) < np.inf for one in each):
         raise ValueError(f"noise: expected numbers from 0, got {noise}")
     numbers = jnp.stack([jnp.asarray(one, float) for one in each])
@@ -48,12 +55,24 @@ def with_correlation(noise: Any, box: Box) -> tuple[Any, float]:
             "the map along the principal axes of the noise, and give standard deviations"
         )
     matrix = np.asarray(noise, float)
-    deviation, symmetric = np.sqrt(np.abs(matrix.diagonal())), np.array_equal(matrix, matrix.T)
-    definite = matrix.shape == (2, 2) and symmetric and (matrix.diagonal() > 0).all()
-    correlation = float(matrix[0, 1] / deviation.prod()) if definite else 1.0
-    if not abs(correlation) < 1:
-        raise ValueError(f"noise: expected a positive definite matrix, got {matrix.tolist()}")
-    return tuple(deviation.tolist()), correlation
+    if matrix.shape != (2, 2):
+        raise ValueError(
+            f"noise: expected a covariance matrix of two rows and columns, got {list(matrix.shape)}"
+        )
+    if not np.array_equal(matrix, matrix.T):
+        raise ValueError(
+            f"noise: expected a symmetric covariance matrix, got {matrix[0, 1]:g} above the "
+            f"diagonal and {matrix[1, 0]:g} below it"
+        )
+    variances = matrix.diagonal()
+    correlation = float(matrix[0, 1] / variances.prod() ** 0.5) if (variances > 0).all() else 2.0
+    if not abs(correlation) < 1 - _ROUNDING:
+        least = np.linalg.eigvalsh(matrix)[0] if np.isfinite(matrix).all() else np.nan
+        raise ValueError(
+            f"noise: expected a covariance matrix with eigenvalues above 0, got {least:.4g}; noise "
+            "along a single direction needs axes along it and across it"
+        )
+    return tuple(np.sqrt(variances).tolist()), correlation
 
 
 def listed(noise: Any, axes: int) -> tuple[Any, ...]:

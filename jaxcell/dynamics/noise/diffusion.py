@@ -15,7 +15,7 @@ from ...mapping import Chain
 from ...space.box import Box
 from ..imaging import check_map, mapped_points
 from ..maps import Flow, with_params
-from .deviations import deviations_of
+from .deviations import deviations_of, is_covariance
 from .ends import Ends, Region, within
 
 
@@ -115,6 +115,12 @@ def diffusion_to(
     box = ends.box
     field = field.field if isinstance(field, Flow) else with_params(field, 2, "field")
     check_map(field, box, params)
+    if is_covariance(noise):
+        raise ValueError(
+            "noise: a flow has independent noise along its axes; with the eigenvalues v and the "
+            "eigenvectors U of the covariance matrix (numpy.linalg.eigh), give the field "
+            "U.T @ f(U @ y) of y = U.T @ x, regions and a box of y, and sqrt(v) as noise"
+        )
     deviation = deviations_of(noise, box)
     cells = np.arange(box.size, dtype=np.int32)
     centre = box.centre(cells)
@@ -143,7 +149,10 @@ def diffusion_to(
     total = jnp.sum(jnp.stack(rates), axis=0)
     fastest = jax.lax.stop_gradient(jnp.max(total))
     if not traced(fastest) and not 0 < fastest < np.inf:
-        raise ValueError(f"noise: expected finite rates above 0, got {float(fastest)} at most")
+        if float(fastest) == 0:
+            raise ValueError("noise: expected drift or noise in some cell, got 0 in all cells")
+        point = ", ".join(f"{x:.4g}" for x in centre[int(jnp.argmin(jnp.isfinite(total)))])
+        raise ValueError(f"field: expected finite numbers, got others near ({point})")
     alive = ends.alive.astype(float)
     stays = alive * (1 - total / fastest)
     # A cell in a region leads to its end.

@@ -201,8 +201,10 @@ class Ends:
         if place.shape != (box.dimensions,) or not np.isfinite(place).all():
             raise ValueError(f"start: expected {box.dimensions} coordinates, got {point!r}")
         place = box.wrapped(place)
-        if box.index(place) >= box.size:
-            raise ValueError(f"start: the point {point!r} is outside of the box")
+        if box.index(place) >= box.size or ((place < box.lower) | (place > box.upper)).any():
+            raise ValueError(
+                f"start: the point {point!r} is outside of the box, from {box.lower} to {box.upper}"
+            )
         if (number := int(self.inside(place[None])[0])) >= 0:
             raise ValueError(f"start: the point {point!r} is in the region {self.names[number]}")
         # The cell, or the side, with a weight along each axis.

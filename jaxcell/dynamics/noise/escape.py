@@ -99,7 +99,8 @@ class Escape(OnBox):
     start: tuple[float, ...] | None = None
     "The start; `None` for the quasi-stationary distribution."
     cause: Annotated[tuple[str, ...] | None, quantity("cause", "parameter", kind="text")] = None
-    "The parameters, and the noise, with `gradient`."
+    """With `gradient`, the parameters, and `noise`, a factor of the given noise. It is called
+    `noise_factor` if `noise` is a parameter."""
     derivative: Annotated[
         Float[np.ndarray, "causes"] | None, quantity("cause", "derivative of the mean time")
     ] = None
@@ -154,6 +155,11 @@ class _Stopped:
         alive = ~stops
         alive[:size] &= ends.alive if self.continuous else ends.open
         if not (can := reaching(self.matrix, stops))[alive].all():
+            if ends.regions and len(ends.regions) == len(ends.names) and not ends.share.any():
+                raise ValueError(
+                    "into: no cell of the box is in a region where the system ends; expected a "
+                    "region in the box"
+                )
             raise ValueError(
                 f"into: cannot be reached from {np.count_nonzero(alive & ~can)} of "
                 f"{np.count_nonzero(alive)} cells, so that times are infinite; expected more noise "
@@ -292,6 +298,10 @@ def escape(
     if isinstance(system, System):
         params = dict(system.params) if params is None else params
         labels = labels or system.labels
+    for path, value in jax.tree_util.tree_leaves_with_path(params):
+        if np.isnan(value).any():
+            name = jax.tree_util.keystr(path, simple=True)
+            raise ValueError(f"params: {name}: expected a number, got {value}")
     map, regions, ends = posed(system, box, into, out_of)
     box, continuous = ends.box, isinstance(map, Flow)
     if start is not None:
@@ -329,7 +339,8 @@ def escape(
     fields = {name: solved[name] for name in kept}
     if gradient:
         slope, error = (values.pop(name) for name in ("slope", "slope_error"))
-        named = {**_scalars(params), "noise": 1.0}
+        named = _scalars(params)
+        named["noise" if "noise" not in named else "noise_factor"] = 1.0
         elasticity = np.array(list(named.values()))
         values |= {
             "derivative": slope * values["mean_time"],
