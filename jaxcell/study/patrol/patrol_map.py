@@ -43,7 +43,7 @@ class PatrolMap(CellStudy):
     capture: Annotated[Annotated[float, Limit(gt=0, lt=1)] | None, Needed(robots="auto")] = None
     """Probability of capture that the robots must reach, for the first of the attack times."""
     range: _Reach = 6.0
-    """Range of sight of a robot in metres; walls block its view."""
+    """Range of sight of a robot in metres: it sees what is nearer, unless walls block the view."""
     sight: Literal["centre", "cell", "source"] = "centre"
     """Condition for a robot in one cell to see another cell: the other cell's centre (centre) or
     all of it (cell) is visible from the centre of the robot's cell; or all of the robot's cell is
