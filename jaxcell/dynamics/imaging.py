@@ -134,6 +134,21 @@ def check_begin(map: Map, box: Box, params: Any) -> None:
         raise ValueError(f"{what}: expected finite numbers, got none at {len(begun)} points")
 
 
+def check_finite(
+    image: Float[np.ndarray, "cells points axes"],
+    points: Float[np.ndarray, "cells points axes"],
+    params: Any,
+) -> None:
+    """Raise `ValueError` if an image of a point is not finite."""
+    lost = ~np.isfinite(image).all(axis=-1)
+    if lost.any():
+        place, value = points[lost][0].tolist(), image[lost][0].tolist()
+        raise ValueError(
+            f"map: expected finite numbers in all cells outside of regions, got {value} at {place} "
+            f"with {params}"
+        )
+
+
 def _anywhere(box: Box) -> Float[np.ndarray, "points axes"]:
     """Draw 64 random points of a box, the same in every call."""
     return np.random.default_rng(0).uniform(box.lower, box.upper, (64, box.dimensions))

@@ -175,6 +175,23 @@ def test_wrong_arguments_are_refused(change, message):
         dynamics.exit_times(system("clamp", 12), **{**about, **change})
 
 
+def test_a_map_without_finite_numbers_in_a_cell_is_refused_with_its_parameters():
+    root = dynamics.System(
+        lambda x, p: jnp.sqrt(x + p["c"]) - 1, Box([-2.0], [2.0], [20], "clamp"), {"c": 2.5}
+    )
+    about = {"noise": 0.3, "start": [0.0], "into": lambda x: x[:, 0] > 0.8}
+    for c in (-3.0, 1.9):
+        with pytest.raises(ValueError, match=rf"map: expected finite numbers.*'c': {c}"):
+            dynamics.exit_times(root, "c", [2.2, c], **about)
+    with pytest.raises(ValueError, match=r"map: expected finite numbers.*'c': 1.9"):
+        dynamics.escape(root, params={"c": 1.9}, **about)
+    with pytest.raises(ValueError, match="map: expected finite numbers"):
+        dynamics.escape(root, params={"c": -3.0}, **about)
+    # A region may be where the map has no numbers.
+    about["into"] = lambda x: x[:, 0] < -1
+    assert dynamics.exit_times(root, "c", [1.9], **about).mean_time > 1
+
+
 def test_a_flow_is_refused():
     flow = dynamics.System(
         dynamics.flow(lambda x, p: p["a"] * x - x**3, dt=0.1),

@@ -6,7 +6,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 from scipy.sparse import csr_array, vstack
 from scipy.special import ndtr
 
@@ -18,7 +18,7 @@ from ...base.wide import traced
 from ...mapping import Chain, persistent_groups
 from ...space.box import Box
 from ..batches import padded
-from ..imaging import check_begin, check_map, mapped_points, torn_axes
+from ..imaging import check_begin, check_finite, check_map, mapped_points, torn_axes
 from ..maps import Flow, Map
 from .deviations import deviations_of, listed, with_correlation
 from .normal import all_probabilities, distributed_rows, nodes, transition_rows
@@ -160,10 +160,12 @@ def matrix(
     noise: Any = 0.0,
     deviations: float = 8.0,
     key: Any = None,
+    finite: Bool[np.ndarray, "cells"] | None = None,
 ) -> csr_array:
     """Compute the transition matrix of a [`chain`][], or of its second chain.
 
     The rows are the cells of the box, and the columns those of the box `onto`, by default the same.
+    Raise `ValueError` if an image of a cell of the mask `finite` is not finite.
     """
     _check(map, box, params, samples, noise, deviations)
     law = noise if is_law(noise) else None
@@ -191,6 +193,8 @@ def matrix(
         image = padded(lambda points: mapped_points(map, params, points), [points], part)
         if first == 0 and not np.isfinite(image).any():
             check_begin(map, box, params)
+        if finite is not None:
+            check_finite(image[finite[cells]], points[finite[cells]], params)
         if law is not None:
             rows.append(distributed_rows(onto, image, lambda z, y: _each(law, z, y, params)))
             continue

@@ -397,7 +397,7 @@ def _chain_of(
         found = diffusion_to(map, ends, params, noise)
         return _Stopped(ends, found.chain.to_scipy(), float(found.duration), True)
     about = {"noise": noise, "onto": ends.around, "second": second, **options}
-    rows = matrix(map, ends.box, params, **about)
+    rows = matrix(map, ends.box, params, finite=ends.open, **about)
     return _Stopped(ends, ends.stopped(rows), 1.0, False)
 
 

@@ -16,7 +16,7 @@ from ...base.precision import require_x64
 from ...base.process import one_blas_thread
 from ...markov.transient import Transient
 from ...space.box import Box
-from ..imaging import mapped_points
+from ..imaging import check_finite, mapped_points
 from ..maps import Flow, Map
 from ..system import System
 from .chains import sampled
@@ -113,7 +113,11 @@ class Family:
 
     @one_blas_thread()
     def at(self, value: float) -> tuple[float, float, float] | None:
-        """Compute the mean time, its derivative and the residual; `None` if it is too large."""
+        """Compute the mean time, its derivative and the residual; `None` if it is too large.
+
+        Raise `ValueError` if an image is not finite.
+        """
+        self._check(value)
         at = self._lattice(value)
         found = None if at is None else self._between(value, at)
         return found[:3] if found is not None and found[2] <= _TOLERANCE else None
@@ -125,6 +129,7 @@ class Family:
         `alone` solves the chain of this value.
         """
         assert self.region is not None
+        self._check(value)
         at = None if alone else self._lattice(value)
         each = self._nodes([value] if at is None else at.tolist())
         if each is None:
@@ -167,6 +172,10 @@ class Family:
         each = [self.nodes[value] for value in values]
         return None if any(one is None for one in each) else np.stack(each, axis=-1)
 
+    def _check(self, value: float) -> None:
+        own = {**self.params, self.name: value}
+        check_finite(np.asarray(mapped_points(self.map, own, self.points)), self.points, own)
+
     def _windows(self, value: float) -> Windows:
         params = {name: jnp.asarray(one, float) for name, one in self.params.items()}
         params[self.name] = jnp.asarray(value, float)
@@ -189,6 +198,10 @@ class Family:
         return (mean, float(visits @ by), worst * missing, missing), left, astray
 
     def _solved(self, value: float) -> Any:
+        try:
+            self._check(value)
+        except ValueError:
+            return None
         size = len(self.points)
         inside = np.asarray(matrix(self._windows(value)))[:size, :size]
         factor = scipy.linalg.lu_factor(np.eye(size) - inside, overwrite_a=True, check_finite=False)
@@ -219,7 +232,7 @@ def _speed(map: Map, params: dict[str, Any], name: str, points: Any) -> np.ndarr
     def image(value: Any) -> Any:
         return mapped_points(map, {**params, name: value}, points)
 
-    return np.nan_to_num(jax.jvp(image, (float(params[name]),), (1.0,))[1])
+    return np.nan_to_num(jax.jvp(image, (float(params[name]),), (1.0,))[1], posinf=0, neginf=0)
 
 
 def _interpolation(at: np.ndarray, value: float) -> tuple[np.ndarray, np.ndarray]:
