@@ -78,8 +78,8 @@ class Escape(SystemStudy):
         """Compute the numbers of a result, derivatives `d_mean_time_d_NAME`, and shares.
 
         `share_0` is the share of time in the first region of `into` in the long run, if the system
-        goes on there. If only shares, the mean time, and its derivative by the only parameter that
-        varies, are wanted, a map has them from [`jaxcell.dynamics.exit_times`][].
+        goes on there. If only shares, the mean time with its error, and its derivative by the only
+        parameter that varies, are wanted, a map has them from [`jaxcell.dynamics.exit_times`][].
         """
         import numpy as np
 
@@ -119,15 +119,17 @@ class Escape(SystemStudy):
             )
         if not columns:
             return {k: (described[k], np.asarray(one)) for k, one in alone(self).items()}
+        from ..dynamics.noise.exit_times import warn_of_slopes
+
         family = self._family(names, asked - {*shares})
         rows = []
         for values in zip(*(column.tolist() for column in columns.values()), strict=True):
             own = (f"{name}={value}" for name, value in zip(names, values, strict=True))
             study = dataclasses.replace(self, params=(*self.params, *own))
-            found = family and family.at(values[0])
-            if found:
-                both = zip(("mean_time", f"d_mean_time_d_{names[0]}"), found, strict=False)
-                row = {name: one for name, one in both if name in asked}
+            at = family and family.at(values[0])
+            if at:
+                at[f"d_mean_time_d_{names[0]}"] = at["derivative"]
+                row = {name: at[name] for name in asked - {*shares}}
             else:
                 row = alone(study)
             if shares:
@@ -135,11 +137,16 @@ class Escape(SystemStudy):
                 long_run = study._along(names[0], back=True).shares(values[0], len(names) > 1)
                 row |= {name: long_run[k] for name, k in shares.items()}
             rows.append(row)
-        return {k: (described[k], np.array([row[k] for row in rows])) for k in rows[0]}
+        found = {k: (described[k], np.array([row[k] for row in rows])) for k in rows[0]}
+        for name in found.keys() & slopes:
+            warn_of_slopes(found[name][1], name)
+        return found
 
     def _family(self, names: list[str], asked: set[str]) -> Any:
         """Return the chains along a parameter if the numbers that are asked come from them."""
-        fast = {"mean_time"} | ({f"d_mean_time_d_{names[0]}"} if self.gradient else set())
+        fast = {"mean_time", "mean_time_error"} | (
+            {f"d_mean_time_d_{names[0]}"} if self.gradient else set()
+        )
         given = self.start and all(one > 0 for one in self.noise) and isinstance(self.system, str)
         if len(names) > 1 or not asked or not asked <= fast or not given:
             return None

@@ -74,6 +74,54 @@ def test_times_and_derivatives_are_those_of_dense_matrices(axes):
     assert found.residual.max() < 1e-7
 
 
+def drift(x, p):
+    return x + 0.3 * (p["a"] * x - x**3)
+
+
+def in_continuous_space(a, noise):
+    """Solve the integral equation of the mean time until x > 0 from -1, by Nystrom's method."""
+    node, rule = np.polynomial.legendre.leggauss(120)
+    x, rule = 1.5 * (node - 1), 1.5 * rule
+    step = norm.pdf(x, drift(x, {"a": a})[:, None], noise) * rule
+    first = norm.pdf(x, drift(-1.0, {"a": a}), noise) * rule
+    return 1 + first @ np.linalg.solve(np.eye(x.size) - step, np.ones(x.size))
+
+
+def test_numbers_are_those_of_escape_and_of_an_integral_equation():
+    noise, values = 0.25, np.array([0.9, 1.0, 1.07])
+    well = dynamics.System(drift, Box([-2.0], [2.0], [60], "clamp"), {"a": 1.0})
+    about = {"noise": noise, "start": [-1], "into": left}
+    found = dynamics.exit_times(well, "a", values, **about)
+    known = np.array(
+        [[in_continuous_space(a + k * STEP, noise) for k in range(-2, 3)] for a in values]
+    )
+    for number, error, true in (
+        (found.mean_time, found.mean_time_error, known[:, 2]),
+        (found.derivative, found.derivative_error, known @ AROUND),
+    ):
+        assert (abs(number - true) < error).all()
+        assert (error < 0.2 * true).all()
+        # The chain of the box is 2 to 4 % off.
+        np.testing.assert_allclose(number, true, rtol=4e-3)
+    for k, a in enumerate(values):
+        one = dynamics.escape(well, params={"a": a}, gradient=True, **about)
+        assert found.mean_time[k] == pytest.approx(one.mean_time, rel=1e-9)
+        assert found.mean_time_error[k] == pytest.approx(one.mean_time_error, rel=0.02)
+        assert found.derivative[k] == pytest.approx(one.derivative[0], rel=1e-8)
+        assert found.derivative_error[k] == pytest.approx(one.derivative_error[0], rel=0.02)
+
+
+def test_derivatives_that_are_not_finite_are_counted():
+    line = dynamics.System(
+        lambda x, p: 0.5 * x + jnp.sqrt(p["b"]), Box([-2.0], [2.0], [20], "clamp"), {"b": 0.0}
+    )
+    about = {"noise": 0.5, "start": [-1], "into": left}
+    with pytest.warns(UserWarning, match="derivative: not finite for 1 of 2 values of the param"):
+        found = dynamics.exit_times(line, "b", [0.0, 0.25], **about)
+    assert np.isfinite(found.mean_time).all()
+    assert np.isfinite(found.derivative).tolist() == [False, True]
+
+
 def test_a_region_in_the_last_cell_has_all_beyond_the_clamped_side():
     cells, noise = 40, 0.3
     box, width = Box([-2.0], [2.0], [cells], "clamp"), 0.1
@@ -234,6 +282,9 @@ def test_members_of_a_sweep_are_those_of_single_studies(tmp_path, monkeypatch):
         matrix = dynamics.chain(one.chosen.map, one.chosen.box, {"a": a}, noise=0.4).to_scipy()
         limit = np.linalg.matrix_power(matrix.toarray(), 1 << 12).mean(axis=0)
         assert share == pytest.approx(limit[15:].sum(), abs=2e-7)
+    for more in ("mean_time_error", "deviation"):
+        with_more = one.numbers({"params_a": values}, ("mean_time", more).__contains__)
+        np.testing.assert_allclose(with_more["mean_time"][1], found["mean_time"][1], rtol=1e-9)
     assert set(found) == set(names)
     for name in names:
         expected = [float(numbers[name][1]) for numbers in alone]

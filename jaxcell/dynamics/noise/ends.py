@@ -27,6 +27,8 @@ _Within: TypeAlias = Callable[[Float[np.ndarray, "points axes"]], Bool[np.ndarra
 _HALVINGS = 24
 # Shortest way to a boundary, in cells: a shorter one would need very many steps of a chain.
 _SHORTEST = 0.01
+# Numbers of cells along an axis of the coarser boxes, as parts of those of the box.
+_PARTS = 2 / 3, 1 / 2
 # Number of points of a cell that tell which share of it is in a region.
 _POINTS = 64
 
@@ -74,6 +76,14 @@ class Ends:
         if sinks and not sides:
             out = ["outside of the box"]
         return cls(box, (*each, *out), tuple(each.values()))
+
+    @property
+    def levels(self) -> "tuple[Ends, ...]":
+        """The ends in this box, and in boxes with cells of 1.5 and 2 times the width."""
+        box = self.box
+        cells = ([max(1, round(part * n)) for n in box.cells] for part in _PARTS)
+        boxes = (Box(box.lower, box.upper, each, box.axes) for each in cells)
+        return self, *(dataclasses.replace(self, box=coarse) for coarse in boxes)
 
     @functools.cached_property
     def end(self) -> Int[np.ndarray, "cells"]:

@@ -30,8 +30,6 @@ from .words import answer_of
 
 # The probabilities of the quantiles.
 SHARES = 0.05, 0.5, 0.95
-# Numbers of cells along an axis of the coarser boxes, as parts of those of the box.
-_PARTS = 2 / 3, 1 / 2
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -103,6 +101,9 @@ class Escape(OnBox):
     `noise_factor` if `noise` is a parameter."""
     derivative: Annotated[
         Float[np.ndarray, "causes"] | None, quantity("cause", "derivative of the mean time")
+    ] = None
+    derivative_error: Annotated[
+        Float[np.ndarray, "causes"] | None, quantity("cause", "error of the derivative")
     ] = None
     elasticity: Annotated[
         Float[np.ndarray, "causes"] | None,
@@ -302,7 +303,7 @@ def escape(
         if np.isnan(value).any():
             name = jax.tree_util.keystr(path, simple=True)
             raise ValueError(f"params: {name}: expected a number, got {value}")
-    map, regions, ends = posed(system, box, into, out_of)
+    map, ends = posed(system, box, into, out_of)
     box, continuous = ends.box, isinstance(map, Flow)
     if start is not None:
         start = tuple(float(one) for one in start)
@@ -312,15 +313,9 @@ def escape(
             raise ValueError(f"options: a flow has none, got {', '.join(options)}")
     else:
         torn_axes(map, box, [params])
-    # Cells of a region are those of the finest box.
-    same = {name: within(region, box, name) for name, region in regions.items()}
     # The cells of a discrete distribution may be the states themselves.
     discrete = is_law(noise) and not continuous
-    levels = [ends]
-    for part in () if discrete else _PARTS:
-        cells = [max(1, round(part * n)) for n in box.cells]
-        coarse = Box(box.lower, box.upper, cells, box.axes)
-        levels.append(Ends.of(coarse, same, sides=continuous))
+    levels = (ends,) if discrete else ends.levels
     if gradient and (discrete or is_covariance(noise)):
         raise ValueError(
             "gradient: there is none by a distribution function or a covariance matrix; expected "
@@ -333,20 +328,20 @@ def escape(
     whole, *_ = chains
     solved, *others = (one.solve(start, about if gradient else None) for one in chains)
     Certificate(0, solved["residual"], TOLERANCE).check("escape", True)
-    widths = [float((box.size / each.box.size) ** (1 / box.dimensions)) for each in levels]
-    values = with_errors([solved, *others], widths)
+    values = with_errors([solved, *others], [each.box for each in levels])
     kept = "time", "committor", "quasi_stationary", "departure", "residual"
     fields = {name: solved[name] for name in kept}
     if gradient:
-        slope, error = (values.pop(name) for name in ("slope", "slope_error"))
+        error = values.pop("slope_error")
         named = _scalars(params)
         named["noise" if "noise" not in named else "noise_factor"] = 1.0
         elasticity = np.array(list(named.values()))
-        values |= {
-            "derivative": slope * values["mean_time"],
-            "elasticity": slope * elasticity,
-            "elasticity_error": error * np.abs(elasticity),
-        }
+        # Slopes may be infinite where a parameter is 0.
+        with np.errstate(invalid="ignore"):
+            values |= {
+                "elasticity": values.pop("slope") * elasticity,
+                "elasticity_error": error * np.abs(elasticity),
+            }
         fields["cause"] = tuple(named)
     return Escape(
         box=box,
@@ -362,8 +357,8 @@ def escape(
 
 def posed(
     system: System | Map, box: Box | None, into: Any, out_of: Region | None
-) -> tuple[Map, dict[str, Any], Ends]:
-    """Return the map, the regions and the ends of a question about [`escape`][]."""
+) -> tuple[Map, Ends]:
+    """Return the map and the ends of a question about [`escape`][]."""
     map: Map = system.map if isinstance(system, System) else with_params(system, 2, "map")
     if box is None and isinstance(system, System):
         box = system.box
@@ -383,7 +378,7 @@ def posed(
             "into: the centre of every cell is in a region where the system ends; expected a box "
             "with cells outside of all regions"
         )
-    return map, regions, ends
+    return map, ends
 
 
 def _plain(value: Any) -> Any:

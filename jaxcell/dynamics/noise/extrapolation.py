@@ -1,29 +1,34 @@
 """Numbers of a chain, extrapolated to cells without width, and their errors."""
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from ...space.box import Box
 
-def with_errors(solutions: list[Mapping[str, Any]], widths: list[float]) -> dict[str, Any]:
+
+@np.errstate(invalid="ignore")
+def with_errors(solutions: Sequence[Mapping[str, Any]], boxes: Sequence[Box]) -> dict[str, Any]:
     """Extrapolate each number to cells without width, and estimate its error.
 
-    `solutions` are those of boxes with cells of the relative `widths`, the finest first. Logarithms
-    are extrapolated, because times grow exponentially. The order is seen if the extrapolations from
-    the two finer and from the two coarser boxes differ less than the first one from the number.
-    Then the error is the correction, and at least half of the difference to the last box.
-    Otherwise, or with fewer than three boxes, the number is that of the finest box, and the error
-    its difference to the last box. It includes the error of fewer modes.
+    `solutions` are those of `boxes`, the finest first. Logarithms are extrapolated, because times
+    grow exponentially. The order is seen if the extrapolations from the two finer and from the two
+    coarser boxes differ less than the first one from the number. Then the error is the correction,
+    and at least half of the difference to the last box. Otherwise, or with fewer than three boxes,
+    the number is that of the finest box, and the error its difference to the last solution. It
+    includes the error of fewer modes.
 
     The difference of a single number may vanish by chance, so that all times have at least the
     largest relative error among the mean, the deviation and the rate, and probabilities `p` at
     least the largest relative difference to the last box among these, relative to `p (1 - p)`.
     Slopes cross zero, so that no other error bounds theirs: it is at least the whole difference.
+    They may be infinite.
     """
     solved, last = solutions[0], solutions[-1]
     values, rough, residual = solved["numbers"], solved["rough"], solved["residual"]
+    widths = [float((boxes[0].size / box.size) ** (1 / box.dimensions)) for box in boxes]
     gains = [1 / ((b / a) ** 2 - 1) if b > a else 0.0 for a, b in itertools.pairwise(widths)]
 
     def corrected(each: list[Any]) -> tuple[Any, Any]:
@@ -47,8 +52,9 @@ def with_errors(solutions: list[Mapping[str, Any]], widths: list[float]) -> dict
         correction, far = np.abs(found[name] - value), np.abs(value - every[-1])
         errors[name] = np.where(seen & known, np.maximum(correction, far / 2), far)
         errors[name] = errors[name] + np.abs(value - rough[name]) + residual * value
-    found["probability"] = found["probability"] / found["probability"].sum()
-    known = [name for name in ("mean_time", "deviation", "rate") if values[name] > 0]
+    if "probability" in found:
+        found["probability"] = found["probability"] / found["probability"].sum()
+    known = [name for name in ("mean_time", "deviation", "rate") if values.get(name, 0) > 0]
     least = max(errors[name] / found[name] for name in known)
     moved = max(abs(1 - last["numbers"][name] / values[name]) for name in known)
     for name, value in found.items():
@@ -59,4 +65,8 @@ def with_errors(solutions: list[Mapping[str, Any]], widths: list[float]) -> dict
         shift, far = corrected([one["slope"] for one in solutions])[0], abs(slope - last["slope"])
         found["slope"] = slope + np.where(together, shift, 0.0)
         errors["slope"] = np.where(together, np.maximum(np.abs(shift), far), far)
+        # The derivative is the product of the slope, of the logarithm, and the mean time.
+        mean, error = found["mean_time"], errors["mean_time"]
+        found["derivative"] = found["slope"] * mean
+        errors["derivative"] = errors["slope"] * mean + np.abs(found["slope"]) * error
     return found | {f"{name}_error": error for name, error in errors.items()}

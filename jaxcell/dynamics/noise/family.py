@@ -21,7 +21,9 @@ from ..maps import Flow, Map
 from ..system import System
 from .chains import sampled
 from .deviations import listed
+from .ends import Ends
 from .escape import posed
+from .extrapolation import with_errors
 from .windows import Windows, changes, matrix
 
 
@@ -32,7 +34,7 @@ _MOVES = 1 / 12
 # Numbers of times that it is halved where the residual is too large.
 _LEVELS = range(5)
 # Largest residual of a member, and in the middle of an interval in which it is interpolated.
-_TOLERANCE, _MIDDLE = 1e-7, 2e-8
+_TOLERANCE, _MIDDLE = 4e-10, 1e-10
 # Largest bound on the relative error of interpolated visits there.
 _VISITS = 1e-7
 # Smaller numbers of visits, relative to the largest one, are rounding.
@@ -44,6 +46,7 @@ class Family:
     """The chains of a noisy map along a parameter, with the solutions of some of them."""
 
     map: Map
+    box: Box
     around: Box
     params: dict[str, Any]
     name: str
@@ -59,6 +62,8 @@ class Family:
     "The share of each cell in each region, for chains that stop where they began."
     width: float
     "The distance of the nodes of the coarsest lattice."
+    coarser: tuple["Family", ...] = ()
+    "The chains of boxes with wider cells."
     nodes: dict[float, Any] = dataclasses.field(default_factory=dict)
     "Logarithms of the times and of the visits, by the values of the parameter that are solved."
     levels: dict[tuple[int, int], bool] = dataclasses.field(default_factory=dict)
@@ -82,7 +87,7 @@ class Family:
         start.
         """
         require_x64("exit times")
-        map, _, ends = posed(system, None, into, out_of)
+        map, ends = posed(system, None, into, out_of)
         box, params = ends.box, dict(system.params)
         if isinstance(map, Flow):
             raise ValueError("system: expected a map with noise once per mapping, got a flow")
@@ -93,6 +98,22 @@ class Family:
         if each.shape != (box.dimensions,) or not (np.isfinite(each) & (each > 0)).all():
             raise ValueError(f"noise: expected {box.dimensions} numbers above 0, got {noise}")
         memory.check(32 * box.size**2, f"exit times of {box.size} cells", "use fewer cells")
+        about = map, params, name, each, start, back
+        whole, *coarser = (cls._of(one, *about) for one in (ends.levels[: 1 if back else None]))
+        return dataclasses.replace(whole, coarser=tuple(coarser))
+
+    @classmethod
+    def _of(
+        cls,
+        ends: Ends,
+        map: Map,
+        params: dict[str, Any],
+        name: str,
+        noise: Float[np.ndarray, "axes"],
+        start: Any,
+        back: bool,
+    ) -> "Family":
+        box = ends.box
         alive, rest, region = ends.open, 1 - ends.share.sum(axis=0), None
         weight = ends.weights([float(one) for one in start], odd=False)[: box.size]
         if back:
@@ -105,22 +126,34 @@ class Family:
         points = sampled(box, np.flatnonzero(alive).astype(np.int32))
         weight, rest = weight[alive], rest * alive[ends.nearest]
         row = np.maximum(np.cumsum(alive) - 1, 0)[ends.nearest]
-        speed = _speed(map, params, name, points) / each
+        speed = _speed(map, params, name, points) / noise
         width = _MOVES / (float(np.sqrt((speed**2).mean())) or 1.0)
         width = 2.0 ** np.floor(np.log2(width))
         rows = points, weight, rest, row, region
-        return cls(map, ends.around, params, name, each, *rows, width)
+        return cls(map, box, ends.around, params, name, noise, *rows, width)
 
     @one_blas_thread()
-    def at(self, value: float) -> tuple[float, float, float] | None:
-        """Compute the mean time, its derivative and the residual; `None` if it is too large.
+    def at(self, value: float) -> dict[str, float] | None:
+        """Compute the numbers of [`with_errors`][] and `residual`; `None` if this is too large.
 
         Raise `ValueError` if an image is not finite.
         """
-        self._check(value)
-        at = self._lattice(value)
-        found = None if at is None else self._between(value, at)
-        return found[:3] if found is not None and found[2] <= _TOLERANCE else None
+        solutions, every = list[dict[str, Any]](), (self, *self.coarser)
+        for one in every:
+            one._check(value)
+            at = one._lattice(value)
+            found = None if at is None else one._between(value, at)
+            if found is None or not found[2] <= _TOLERANCE:
+                return None
+            mean, by, residual, _, square = found
+            numbers = {"mean_time": mean, "deviation": max(square - mean**2, 0.0) ** 0.5}
+            # The probability of leaving, after a stay as long as the system is expected to go on.
+            numbers["rate"] = 2 * mean / (square + mean)
+            about = {"slope": by / mean, "residual": residual}
+            solutions.append({"numbers": numbers, "rough": numbers, **about})
+        residual = max(one["residual"] for one in solutions)
+        whole = with_errors(solutions, [one.box for one in every]) | {"residual": residual}
+        return {name: float(number) for name, number in whole.items()}
 
     @one_blas_thread()
     def shares(self, value: float, alone: bool = False) -> Float[np.ndarray, "regions"]:
@@ -151,8 +184,8 @@ class Family:
                 return at
         return None
 
-    def _between(self, value: float, at: np.ndarray) -> tuple[float, float, float, float] | None:
-        """Interpolate between nodes; return the numbers of `_checked`, or `None`."""
+    def _between(self, value: float, at: np.ndarray) -> tuple[float, ...] | None:
+        """Interpolate between nodes; return the numbers of `_checked` and the mean square time."""
         each = self._nodes(at.tolist())
         if each is None:
             return None
@@ -161,8 +194,9 @@ class Family:
         both = np.exp(each @ share)
         moves = both * (each @ slope)
         (mean, by, *errors), left, astray = self._checked(value, *both)
+        square = 2 * float(both[0] @ both[1]) - mean
         # The mean time with the first correction, and its derivative along the interpolation.
-        return mean, by + float(moves[1] @ left + astray @ moves[0]), *errors
+        return mean, by + float(moves[1] @ left + astray @ moves[0]), *errors, square
 
     def _nodes(self, values: list[float]) -> Any:
         """Solve the chains of values, those of nodes once; `None` if any chain cannot be solved."""
