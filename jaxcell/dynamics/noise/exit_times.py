@@ -101,8 +101,9 @@ def exit_times(
         own = {**system.params, name: float(values[k])}
         one = escape(system, params=own, gradient=True, **about)
         cause = (one.cause or ()).index(name)
-        found[k] = {k: np.ravel(getattr(one, k))[cause * k.startswith("d")] for k in _NUMBERS}
-    numbers = {k: np.array([one[k] for one in found], float) for k in _NUMBERS}
+        every = {key: np.asarray(getattr(one, key)) for key in _NUMBERS}
+        found[k] = {key: value[cause] if value.ndim else value for key, value in every.items()}
+    numbers = {key: np.array([one[key] for one in found], float) for key in _NUMBERS}
     warn_of_slopes(numbers["derivative"], "derivative")
     share = None
     if shares:

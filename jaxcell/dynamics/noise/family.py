@@ -97,40 +97,30 @@ class Family:
         each = np.array(listed(noise, box.dimensions), float)
         if each.shape != (box.dimensions,) or not (np.isfinite(each) & (each > 0)).all():
             raise ValueError(f"noise: expected {box.dimensions} numbers above 0, got {noise}")
+        if back and "sink" in box.axes:
+            raise ValueError("shares: a system that leaves the box at a sink has no long run")
         memory.check(32 * box.size**2, f"exit times of {box.size} cells", "use fewer cells")
-        about = map, params, name, each, start, back
-        whole, *coarser = (cls._of(one, *about) for one in (ends.levels[: 1 if back else None]))
-        return dataclasses.replace(whole, coarser=tuple(coarser))
 
-    @classmethod
-    def _of(
-        cls,
-        ends: Ends,
-        map: Map,
-        params: dict[str, Any],
-        name: str,
-        noise: Float[np.ndarray, "axes"],
-        start: Any,
-        back: bool,
-    ) -> "Family":
-        box = ends.box
-        alive, rest, region = ends.open, 1 - ends.share.sum(axis=0), None
-        weight = ends.weights([float(one) for one in start], odd=False)[: box.size]
-        if back:
-            if "sink" in box.axes:
-                raise ValueError("shares: a system that leaves the box at a sink has no long run")
-            home = np.arange(box.size) == weight.argmax()
-            alive, rest, weight = np.ones(box.size, bool), 1.0 - home[ends.nearest], 1.0 * home
-            inner = box.centre(np.arange(box.size, dtype=np.int32))
-            region = ends.share[:, ends.around.index(inner)]
-        points = sampled(box, np.flatnonzero(alive).astype(np.int32))
-        weight, rest = weight[alive], rest * alive[ends.nearest]
-        row = np.maximum(np.cumsum(alive) - 1, 0)[ends.nearest]
-        speed = _speed(map, params, name, points) / noise
-        width = _MOVES / (float(np.sqrt((speed**2).mean())) or 1.0)
-        width = 2.0 ** np.floor(np.log2(width))
-        rows = points, weight, rest, row, region
-        return cls(map, box, ends.around, params, name, noise, *rows, width)
+        def chains(ends: Ends) -> "Family":
+            box = ends.box
+            alive, rest, region = ends.open, 1 - ends.share.sum(axis=0), None
+            weight = ends.weights([float(one) for one in start], odd=False)[: box.size]
+            if back:
+                home = np.arange(box.size) == weight.argmax()
+                alive, rest, weight = np.ones(box.size, bool), 1.0 - home[ends.nearest], 1.0 * home
+                inner = box.centre(np.arange(box.size, dtype=np.int32))
+                region = ends.share[:, ends.around.index(inner)]
+            points = sampled(box, np.flatnonzero(alive).astype(np.int32))
+            weight, rest = weight[alive], rest * alive[ends.nearest]
+            row = np.maximum(np.cumsum(alive) - 1, 0)[ends.nearest]
+            speed = _speed(map, params, name, points) / each
+            width = _MOVES / (float(np.sqrt((speed**2).mean())) or 1.0)
+            width = 2.0 ** np.floor(np.log2(width))
+            rows = points, weight, rest, row, region
+            return cls(map, box, ends.around, params, name, each, *rows, width)
+
+        whole, *coarser = (chains(one) for one in ends.levels[: 1 if back else None])
+        return dataclasses.replace(whole, coarser=tuple(coarser))
 
     @one_blas_thread()
     def at(self, value: float) -> dict[str, float] | None:
