@@ -96,7 +96,7 @@ class Escape(SystemStudy):
                 for name in shares
             },
             **{
-                name: quantity("", f"derivative of the mean time, by the {cause}")
+                name: quantity("", f"derivative of the mean time, by {cause}")
                 for name, cause in slopes.items()
             },
         }
