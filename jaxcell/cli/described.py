@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from .. import automata, drift, patrol, space, sweep
-from ..base.documents import Fields
+from ..base.documents import Fields, about
 from ..base.doubts import Doubt, warn
 from ..base.limits import Crop, Piece, Unknown
 from ..base.paths import absent, visible
@@ -412,12 +412,11 @@ def _picture(path: Path) -> dict[str, Any]:
 
     from ..space.maps.images import read_image
 
-    try:
-        image = read_image(path.read_bytes(), ("PPM", "PNG", "BMP"))
-    except UnidentifiedImageError:
-        raise ValueError(f"{path}: expected a PGM, PNG or BMP picture") from None
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+    with about(path):
+        try:
+            image = read_image(path.read_bytes(), ("PPM", "PNG", "BMP"))
+        except UnidentifiedImageError:
+            raise ValueError("expected a PGM, PNG or BMP picture") from None
     what = "the picture of a map; its .yaml has the size of a pixel"
     return {"what": what, "width": image.width, "height": image.height}
 

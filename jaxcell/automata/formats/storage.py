@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int32
 
-from ...base.documents import Fields
+from ...base.documents import Fields, about
 from ...base.memory import check
 from ...base.paths import replacing
 from ...base.results import LARGEST_HEADER, current_run
@@ -66,16 +66,15 @@ def reading(
     A `KeyError` or a `ValueError` in the `with` block becomes a `ValueError` that names the file.
     """
     header, arrays = read_arrays(path)
-    try:
-        if header["kind"] != kind:
-            raise ValueError(f"it is a {str(header['kind'])[:60]}, not a {kind}")
-        if not isinstance(header["metadata"], dict):
-            raise ValueError("metadata: expected an object")
-        yield header, arrays
-    except KeyError as error:
-        raise ValueError(f"{path}: {error} is missing") from error
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
+    with about(path):
+        try:
+            if header["kind"] != kind:
+                raise ValueError(f"it is a {str(header['kind'])[:60]}, not a {kind}")
+            if not isinstance(header["metadata"], dict):
+                raise ValueError("metadata: expected an object")
+            yield header, arrays
+        except KeyError as error:
+            raise ValueError(f"{error} is missing") from error
 
 
 def checked_metadata(metadata: Mapping[str, Any]) -> Any:
